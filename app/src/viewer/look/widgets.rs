@@ -1,9 +1,11 @@
 //! Small widgets that several panels share. They know egui and plain values, but not the session.
 
+use std::cell::RefCell;
 use std::ops::RangeInclusive;
+use std::rc::Rc;
 
 use egui::emath::Numeric;
-use egui::{Sense, Ui};
+use egui::{Sense, Ui, ValueFormat};
 use glam::DVec3;
 
 use crate::shared::language::{is_english, text};
@@ -74,12 +76,39 @@ pub fn typed_number(text: &str) -> Option<f64> {
 /// A field for a number that is dragged or typed. What is typed counts once it is complete; what is no number changes
 /// nothing.
 pub fn number_field<N: Numeric>(value: &mut N) -> egui::DragValue<'_> {
-    egui::DragValue::new(value).custom_parser(typed_number).update_while_editing(false)
+    number_field_in_words(value, egui::emath::format_with_decimals_in_range, typed_number)
 }
 
-/// A slider with such a field.
+/// A field for a number that is written and read in a way of its own.
+pub fn number_field_in_words<'a, N: Numeric>(
+    value: &'a mut N,
+    written: impl Fn(f64, RangeInclusive<usize>) -> String + 'a,
+    read: impl Fn(&str) -> Option<f64> + 'a,
+) -> egui::DragValue<'a> {
+    egui::DragValue::new(value).format(kept_unless_typed(written, read))
+}
+
+/// A slider with such a field. A number that nobody edits keeps all its digits, and its place beyond the ends.
 pub fn number_slider<N: Numeric>(value: &mut N, range: RangeInclusive<N>) -> egui::Slider<'_> {
-    egui::Slider::new(value, range).custom_parser(typed_number).update_while_editing(false)
+    let format = kept_unless_typed(egui::emath::format_with_decimals_in_range, typed_number);
+    egui::Slider::new(value, range).format(format).clamping(egui::SliderClamping::Edits)
+}
+
+/// Leaves a number as it is while its field has the text that it showed: egui reads the text of a field that was visited as
+/// if it had been typed, and the field may not show all digits.
+fn kept_unless_typed<'a>(
+    written: impl Fn(f64, RangeInclusive<usize>) -> String + 'a,
+    read: impl Fn(&str) -> Option<f64> + 'a,
+) -> ValueFormat<'a> {
+    let shown = Rc::new(RefCell::new(String::new()));
+    let last = shown.clone();
+    let written = move |number, decimals| {
+        let text = written(number, decimals);
+        shown.replace(text.clone());
+        text
+    };
+    let read = move |text: &str| if *last.borrow() == text { None } else { read(text) };
+    ValueFormat::default().custom_formatter(written).custom_parser(read).update_while_editing(false)
 }
 
 /// Draws a line with a slider.
@@ -204,6 +233,8 @@ pub fn time_left(seconds: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use egui_kittest::kittest::Queryable as _;
+
     use super::*;
 
     #[test]
@@ -213,6 +244,42 @@ mod tests {
         let text = progress_text(1_000_000, 301_000_000, Some(1_000_000.0));
         assert_eq!(text, "1,000,000 of 301,000,000 · 1.00 M/s · 5 min left");
         assert_eq!(progress_text(5, 0, None), "5");
+    }
+
+    #[test]
+    fn a_field_that_is_only_visited_keeps_the_digits_that_it_does_not_show() {
+        let exact = (20_000_005.654_321, 3.123_456_7_f32, 6.123_456);
+        let mut harness = egui_kittest::Harness::builder().with_size([600.0, 120.0]).build_ui_state(
+            |ui, (place, share, high): &mut (f64, f32, f64)| {
+                ui.add(number_field(place).speed(0.1).max_decimals(4)).accessible_name("place");
+                slider(ui, "share", number_slider(share, 0.0..=1.0));
+                let written = |number, decimals| egui::emath::format_with_decimals_in_range(number, decimals);
+                ui.add(number_field_in_words(high, written, typed_number)).accessible_name("high");
+            },
+            exact,
+        );
+        harness.run();
+        assert_eq!(*harness.state(), exact, "what is only shown");
+        for key in [egui::Key::Tab, egui::Key::Enter] {
+            (0..8).for_each(|_| {
+                harness.key_press(egui::Key::Tab);
+                harness.run();
+                assert!(harness.ctx.memory(egui::Memory::focused).is_some(), "no field has the keyboard");
+                harness.key_press(key);
+                harness.run();
+                assert_eq!(*harness.state(), exact, "{key:?}");
+            });
+        }
+        // What is typed counts, and it is the number that was typed.
+        let field = harness.get_by_label("high");
+        field.click();
+        harness.run();
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+        harness.event(egui::Event::Text("2.000001".into()));
+        harness.run();
+        harness.key_press(egui::Key::Enter);
+        harness.run();
+        assert_eq!(*harness.state(), (exact.0, exact.1, 2.000_001));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use scene::{Clip, ClipShape, Filter, Keep, Object};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{choice, eye, name_label, number_field, tall_menu, three, typed_number};
+use crate::viewer::look::widgets::{choice, eye, name_label, number_field_in_words, tall_menu, three, typed_number};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
@@ -265,18 +265,18 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.horizontal(|ui| {
                 let label = name_label(ui, filter.attribute.as_str());
                 let (low, high) = (filter.low, filter.high);
+                let written = |value, decimals| match value {
+                    f64::NEG_INFINITY => text!("lowest").into(),
+                    f64::INFINITY => text!("highest").into(),
+                    value => egui::emath::format_with_decimals_in_range(value, decimals),
+                };
+                let read = |typed: &str| match typed.trim() {
+                    lowest if lowest == text!("lowest") => Some(f64::NEG_INFINITY),
+                    highest if highest == text!("highest") => Some(f64::INFINITY),
+                    typed => typed_number(typed),
+                };
                 let drag = |value| {
-                    let drag = number_field(value).speed((high - low).abs().min(1e3) * 0.005 + 1e-3);
-                    drag.custom_formatter(|value, decimals| match value {
-                        f64::NEG_INFINITY => text!("lowest").into(),
-                        f64::INFINITY => text!("highest").into(),
-                        value => egui::emath::format_with_decimals_in_range(value, decimals),
-                    })
-                    .custom_parser(|typed| match typed.trim() {
-                        lowest if lowest == text!("lowest") => Some(f64::NEG_INFINITY),
-                        highest if highest == text!("highest") => Some(f64::INFINITY),
-                        typed => typed_number(typed),
-                    })
+                    number_field_in_words(value, written, read).speed((high - low).abs().min(1e3) * 0.005 + 1e-3)
                 };
                 ui.add(drag(&mut filter.low).range(f64::NEG_INFINITY..=high)).labelled_by(label.id);
                 ui.label(text!("to"));

@@ -179,8 +179,7 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             // A logarithmic slider that begins at 0 spans four decades, with 0 at its end.
             let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
             let decimals = (4 - max.log10().floor() as i32).max(3) as usize;
-            // A value that nobody edits keeps all its digits.
-            let slider = slider.clamping(egui::SliderClamping::Edits).suffix(suffix(field.unit)).max_decimals(decimals);
+            let slider = slider.suffix(suffix(field.unit)).max_decimals(decimals);
             ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
         }
         // A slider over all 32-bit numbers would be of no use, so these are dragged and typed.
