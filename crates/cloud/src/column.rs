@@ -33,6 +33,12 @@ impl ColumnType {
         }
     }
 
+    /// The number that stands for `number` in a column of this type, as far as it is one of floats: 0.3 as f32 is a little more
+    /// than 0.3 as f64, and both are written as 0.3.
+    pub fn rounded(self, number: f64) -> f64 {
+        if self == Self::F32 { f64::from(number as f32) } else { number }
+    }
+
     /// Whether all values are whole numbers.
     pub fn is_whole(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
@@ -194,7 +200,12 @@ impl Column {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use glam::DVec3;
+
     use super::*;
+    use crate::{Chunk, Cloud, Filter, PointTest};
 
     #[test]
     fn a_point_without_a_value_has_no_text_and_its_type_is_one_of_floats() {
@@ -204,5 +215,20 @@ mod tests {
         use ColumnType::{F32, F64, I16, I32, U8, U64};
         assert_eq!([U8, I16, F32, I32, U64, F64].map(ColumnType::with_none), [F32, F32, F32, F64, F64, F64]);
         assert_eq!((U8.with(U8), U8.with(I16), F32.with(F64)), (U8, F64, F64));
+    }
+
+    #[test]
+    fn a_range_ends_at_the_numbers_that_a_column_of_f32_can_hold() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4]);
+        // Of 0.1 and 0.3, f32 holds a little more, of 19.95 and -20.034 a little more and less.
+        chunk.columns = vec![Some(Arc::new(Column::F32(vec![0.1, 0.3, 19.95, -20.034])))];
+        let attributes = vec![Attribute { name: "heat".into(), column_type: ColumnType::F32 }];
+        let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+        let shown = |low: f64, high: f64| {
+            let filter = Filter { attribute: "heat".into(), low, high };
+            cloud.shown(&PointTest::new([], vec![filter], Vec::new())).len()
+        };
+        assert_eq!((shown(0.1, 0.3), shown(-20.034, 19.95), shown(0.3, 0.3)), (2, 4, 1));
+        assert_eq!((shown(0.100_001, 0.299_999), shown(f64::NEG_INFINITY, -20.0)), (0, 1));
     }
 }

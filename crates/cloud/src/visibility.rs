@@ -210,14 +210,14 @@ impl PointTest {
 
     /// The test of the chunks of a cloud.
     pub fn of(&self, layout: &CloudLayout) -> ChunkTest {
-        let filter = |filter: &Filter| {
+        let filters = self.rule.filters.iter().filter_map(|filter| {
             let column = attribute_named(&layout.attributes, &filter.attribute)?;
-            Some((column, filter.low, filter.high))
-        };
-        let classes = layout.class_column().filter(|_| self.hides_classes());
-        let filters = self.rule.filters.iter().filter_map(filter).collect();
-        let hidden_kinds = self.hidden_kinds(&layout.attributes);
-        ChunkTest { test: self.clone(), classes, filters, hidden_kinds, grid: layout.grid }
+            let [low, high] = [filter.low, filter.high].map(|end| layout.attributes[column].column_type.rounded(end));
+            Some((column, low, high))
+        });
+        let (filters, classes) = (filters.collect(), layout.class_column().filter(|_| self.hides_classes()));
+        let (hidden_kinds, grid) = (self.hidden_kinds(&layout.attributes), layout.grid);
+        ChunkTest { test: self.clone(), classes, filters, hidden_kinds, grid }
     }
 }
 
@@ -243,7 +243,7 @@ pub struct ChunkTest {
     test: PointTest,
     /// The column with the classes, if any class is hidden.
     classes: Option<usize>,
-    /// Columns and the ranges of their values.
+    /// Columns and the ranges of their values, as the column's type keeps numbers.
     filters: Vec<(usize, f64, f64)>,
     /// Which kinds of `stray_kind` are hidden.
     hidden_kinds: [bool; 3],

@@ -76,7 +76,10 @@ impl PointChoice {
         let by_attribute = |low: f64, high: f64| {
             let index = self.attribute().and_then(|name| cloud.column_of(name));
             match index.and_then(|index| chunk.columns.get(index)?.as_deref()) {
-                Some(column) => (0..column.len()).map(|i| (low..=high).contains(&column.value(i))).collect(),
+                Some(column) => {
+                    let [low, high] = [low, high].map(|end| column.column_type().rounded(end));
+                    (0..column.len()).map(|i| (low..=high).contains(&column.value(i))).collect()
+                }
                 None => vec![false; chunk.len()],
             }
         };
