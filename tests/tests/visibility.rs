@@ -74,7 +74,7 @@ fn points_of(count: u32) -> Vec<Point> {
 }
 
 const SCENE: &str = "[camera]\neye = [7.0, 6.0, 3.5]\npivot = [1.0, 1.0, 1.0]\nup = [0.0, 0.0, 1.0]\n\
-    [parameters]\n\"gi.vpls\" = 64\n\"gi.shadow_points\" = 1000\n\"trace.samples\" = 4\n\
+    [parameters]\n\"gi.vpls\" = 16\n\"gi.shadow_points\" = 1000\n\"trace.samples\" = 4\n\
     [[mirrors]]\nname = \"ball\"\nshape = \"sphere\"\nposition = [1.5, 1.5, 1.2]\nsize = 0.8\n\
     [[lights]]\nposition = [3.0, 3.0, 3.8]\ntarget = [0.5, 0.5, 0.0]\nintensity = [20.0, 19.0, 17.0]\n\
     inner_degrees = 40.0\nouter_degrees = 60.0\n";
@@ -172,7 +172,7 @@ fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
     );
     // Framed without a camera: what is hidden takes no room.
     let framed = |name: &str, scene: &str| {
-        let words = ["render", scene, "-o", name, "--size", "96x72", "--camera", "iso", "--set", "gi.vpls=64"];
+        let words = ["render", scene, "-o", name, "--size", "96x72", "--camera", "iso", "--set", "gi.vpls=16"];
         let outcome = folder.glint(words);
         assert_eq!(outcome.status, Some(0), "{outcome}");
         std::fs::read(folder.path(name)).expect("the picture")
@@ -231,7 +231,18 @@ fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loa
         .map(|pages| ["clipped.toml", "moved.toml"].map(|scene| (scene, pages)));
     for (scene, pages) in both.into_iter().flatten() {
         // So large that the finest points are more than `stream.detail` apart.
-        let picture = ["render", scene, "-o", "clipped.png", "--size", "384x288", "--stats", "stats.json"];
+        let picture = [
+            "render",
+            scene,
+            "-o",
+            "clipped.png",
+            "--size",
+            "384x288",
+            "--stats",
+            "stats.json",
+            "--set",
+            "light.by=headlight",
+        ];
         let streamed = ["--set", pages, "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
         let outcome = folder.glint(picture.iter().chain(&streamed));
         if lacks_adapter(&outcome) {
@@ -263,7 +274,18 @@ fn a_filter_hides_points_of_a_streamed_cloud_by_any_attribute_of_its_file() {
     folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{filters}"));
     folder.write("all.toml", "clouds = [\"all.las\"]\n");
     for (scene, expected) in [("all.toml", points.len() as u64), ("hiding.toml", shown)] {
-        let picture = ["render", scene, "-o", "picture.png", "--size", "384x288", "--stats", "stats.json"];
+        let picture = [
+            "render",
+            scene,
+            "-o",
+            "picture.png",
+            "--size",
+            "384x288",
+            "--stats",
+            "stats.json",
+            "--set",
+            "light.by=headlight",
+        ];
         let streamed = ["--set", "stream.pages=always", "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
         let outcome = folder.glint(picture.iter().chain(&streamed));
         if lacks_adapter(&outcome) {

@@ -97,10 +97,10 @@ fn all_settings() -> Vec<Settings> {
 
 /// The constants with which the renderer compiles each pass, and each switch of each pass alone, by the pass's name.
 fn variants(gpu: &std::sync::Arc<Gpu>) -> BTreeMap<&'static str, BTreeSet<Constants>> {
-    let rehearse = |settings: Settings| {
-        let mut renderer = Renderer::bare(gpu.clone());
+    let rehearse = |renderer: &mut Renderer, settings: Settings| {
         let mut named = Vec::new();
         for cast in casts(&settings) {
+            renderer.forget();
             let stage = renderer.stage(&cast, &settings).unwrap();
             match renderer.missing(&stage) {
                 Ok(missing) => named.extend(missing),
@@ -111,7 +111,9 @@ fn variants(gpu: &std::sync::Arc<Gpu>) -> BTreeMap<&'static str, BTreeSet<Consta
         named
     };
     let mut variants: BTreeMap<&'static str, BTreeSet<Constants>> = BTreeMap::new();
-    for (pass, switches) in all_settings().into_par_iter().flat_map_iter(rehearse).collect::<Vec<_>>() {
+    // A renderer keeps its images, which take longer to make than all else that is rehearsed.
+    let named = all_settings().into_par_iter().map_init(|| Renderer::bare(gpu.clone()), rehearse);
+    for (pass, switches) in named.flatten_iter().collect::<Vec<_>>() {
         let constants = switches.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         variants.entry(pass.name).or_default().insert(constants);
     }
