@@ -453,6 +453,7 @@ fn volume(grid: Option<Result<VolumeGrid, String>>, up: DVec3) -> Outcome {
         Figure::new(english!("below"), Quantity::Volume, volume.below, None),
         Figure::new(english!("level area"), level_area, volume.area, None),
         Figure::new(english!("area without points"), level_area, volume.empty_area, None),
+        Figure::new(english!("area filled from around"), level_area, volume.filled_area, None),
         Figure::new(english!("cell"), level_length, volume.cell, None),
         Figure::new(english!("points"), Quantity::Count, volume.points as f64, None),
     ])

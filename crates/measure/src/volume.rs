@@ -60,9 +60,11 @@ pub struct Volume {
     /// The standard deviation of their difference that follows from the scatter of heights in cells, where points
     /// deviate independently.
     pub deviation: f64,
-    /// The area of the polygon as seen from above, and of its parts without points, which add nothing.
+    /// The area of the polygon as seen from above, of its parts without points, which add nothing, and of cells without
+    /// points that take the height of those around them, of which the deviation knows nothing.
     pub area: f64,
     pub empty_area: f64,
+    pub filled_area: f64,
     /// The edge of the cells.
     pub cell: f64,
     pub points: u64,
@@ -229,8 +231,8 @@ impl VolumeGrid {
         for _ in 0..FILLING_LEVELS {
             coarser.push(coarser.last().unwrap_or(&level).coarser());
         }
-        let mut volume =
-            Volume { above: 0.0, below: 0.0, deviation: 0.0, area: 0.0, empty_area: 0.0, cell: level.edge, points: 0 };
+        let (mut above, mut below, mut points) = (0.0, 0.0, 0);
+        let [mut whole_area, mut empty_area, mut filled_area] = [0.0; 3];
         // The squares of heights about the means of cells; the weights of the means in the volume.
         let (mut squares, mut free, mut weights) = (0.0, 0.0, 0.0);
         let unit = STEP * self.finest.edge;
@@ -239,30 +241,32 @@ impl VolumeGrid {
             let low = DVec2::new(x as f64, y as f64) * level.edge;
             let part = clipped(&self.polygon, low, low + level.edge);
             let area = area(&part).abs();
-            volume.area += area;
+            whole_area += area;
             let around =
                 coarser.iter().zip(1..).map(|(level, step)| level.cells[(y >> step) * level.columns + (x >> step)]);
             let Some(cell) = std::iter::once(*own).chain(around).find(|cell| cell.points > 0) else {
-                volume.empty_area += area;
+                empty_area += area;
                 continue;
             };
             let count = f64::from(cell.points);
             // The points of a cell need not lie about the middle of its part of the polygon: on a lattice they do not.
             let aside = level.mean(index).map_or(DVec2::ZERO, |(_, at)| middle(&part) / unit - at);
             let height = (cell.sum as f64 / count + level.slope(index).dot(aside)) * unit;
-            volume.above += area * height.max(0.0);
-            volume.below += area * (-height).max(0.0);
+            above += area * height.max(0.0);
+            below += area * (-height).max(0.0);
             weights += area * area / count;
             if own.points > 0 {
-                volume.points += u64::from(own.points);
+                points += u64::from(own.points);
                 // Exact in whole numbers: n times the sum of squares less the square of the sum.
                 let about = i128::from(own.points) * own.squares - i128::from(own.sum) * i128::from(own.sum);
                 squares += about as f64 / count * unit * unit;
                 free += count - 1.0;
+            } else {
+                filled_area += area;
             }
         }
-        volume.deviation = if free > 0.0 { (squares / free * weights).sqrt() } else { f64::NAN };
-        volume
+        let deviation = if free > 0.0 { (squares / free * weights).sqrt() } else { f64::NAN };
+        Volume { above, below, deviation, area: whole_area, empty_area, filled_area, cell: level.edge, points }
     }
 }
 
@@ -422,6 +426,23 @@ mod tests {
         let empty = VolumeGrid::new(&ell(), None, DVec3::Z).unwrap().volume();
         assert_eq!((empty.points, empty.above), (0, 0.0));
         assert!(empty.deviation.is_nan() && (empty.empty_area - 12.0).abs() < 1e-6, "{empty:?}");
+    }
+
+    #[test]
+    fn cells_that_take_the_height_of_those_around_them_are_told() {
+        let mut dice = Dice::new(11);
+        let square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]].map(|[x, y]| PLACE + DVec3::new(x, y, 0.0));
+        let mut grid = VolumeGrid::new(&square, Some(119.0), DVec3::Z).unwrap();
+        for _ in 0..6000 {
+            let (x, y) = (dice.share() * 4.0, dice.share() * 4.0);
+            // A hole of the size of a few cells.
+            if !((1.0..1.5).contains(&x) && (1.0..1.5).contains(&y)) {
+                grid.add(PLACE + DVec3::new(x, y, 2.0));
+            }
+        }
+        let volume = grid.volume();
+        assert!(volume.cell <= 0.5 && volume.empty_area == 0.0, "{volume:?}");
+        assert!((volume.filled_area - 0.25).abs() < 1e-6 && (volume.above - 16.0 * 3.0).abs() < 1e-5, "{volume:?}");
     }
 
     #[test]
