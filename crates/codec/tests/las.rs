@@ -147,6 +147,9 @@ fn every_point_format_comes_back_as_it_was_written_in_las_and_laz() {
         // The writer rounds angles down to steps of 0.006 degrees.
         for (found, point) in values(&cloud, "scan_angle").into_iter().zip(&points) {
             assert!((found - f64::from(point.scan_angle)).abs() < 0.0061, "{name}: {found} for {}", point.scan_angle);
+            let text = (found as f32).to_string();
+            let decimals = text.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+            assert!(decimals <= 3, "{name}: {text} is no number of steps");
         }
         if points[0].gps_time.is_some() {
             expect("gps_time", &|p| p.gps_time.unwrap());

@@ -46,7 +46,7 @@ pub enum Reading {
     Degrees {
         at: usize,
         file_type: ColumnType,
-        step: f32,
+        step: f64,
     },
     /// An extra dimension with a scale or an offset.
     Scaled {
@@ -157,7 +157,8 @@ impl Reading {
                 values.extend(records.map(|record| (record[at] >> shift) & mask));
             }
             (&Self::Degrees { at, file_type, step }, Column::F32(values)) => {
-                values.extend(records.map(|record| number(record, at, file_type) as f32 * step));
+                // Rounded once, so that -17.88 is written so.
+                values.extend(records.map(|record| (number(record, at, file_type) * step) as f32));
             }
             (&Self::Scaled { at, file_type, scale, offset }, Column::F64(values)) => {
                 values.extend(records.map(|record| number(record, at, file_type) * scale + offset));
