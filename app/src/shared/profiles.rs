@@ -143,11 +143,14 @@ pub fn write(
         }));
     }
     let mut table = Table::new(&asked);
+    let mut warnings = Vec::new();
     for (number, source) in sources.iter().enumerate() {
-        read(source, &left_out[number..=number], &asked, &mut table)?;
+        let of_file = read(source, &left_out[number..=number], &asked, &mut table)?;
+        let name = shown(&source.info().path);
+        warnings.extend(of_file.into_iter().map(|warning| format!("{name}: {warning}")));
     }
     picture_file::write_text(path, &table.into_csv()?)?;
-    Ok(Vec::new())
+    Ok(warnings)
 }
 
 impl Asked<'_> {
@@ -220,6 +223,10 @@ pub fn read(source: &Source, left_out: &[Vec<u64>], asked: &Asked, table: &mut T
     pieces.sort_unstable_by_key(|piece: &Piece| (piece.section, piece.chunk.first_point));
     let mut warnings = summary.warnings;
     if asked.has_intervals {
+        if source.has_wide_colors() {
+            warnings
+                .push("colours have more bits than bytes, which the table has; LAS and LAZ files keep all".to_owned());
+        }
         warnings.extend(find_intervals(source, left_out, asked, (&cloud, &sections), &mut pieces)?);
     }
     table.add(cloud, pieces, (world::up_of(info, asked.settings), info.units));

@@ -180,7 +180,7 @@ impl Source {
     }
 
     /// Whether its colours are more than bytes.
-    pub(crate) fn has_wide_colors(&self) -> bool {
+    pub fn has_wide_colors(&self) -> bool {
         match self {
             Self::Las(source) => source.has_wide_colors(),
             Self::Rows(source) => source.has_wide_colors(),
