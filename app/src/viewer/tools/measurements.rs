@@ -263,7 +263,11 @@ impl Measurements {
         placing.is_ending = false;
         let least = *placing.wanted.counts().start();
         if placing.corners.len() < least {
-            return outside.note(text!("{hint}; {least} are needed", hint = placing.hint(), least));
+            let hint = placing.hint();
+            return outside.note(match least {
+                1 => hint.to_string(),
+                _ => text!("{hint}; {least} are needed", hint, least),
+            });
         }
         let Some(Placing { wanted, corners, reach, .. }) = self.placing.take() else { return };
         let object = match wanted {
