@@ -494,7 +494,7 @@ fn tiles(folder: &Path) -> Result<Input, String> {
     let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_cloud).collect();
     files.sort();
     match files.as_slice() {
-        [] => Err("a folder without files of points".into()),
+        [] => Err("a folder without files of points (.csv, .txt and .asc are not taken from folders)".into()),
         [one] => Ok(Input::File(one.clone())),
         _ => Ok(Input::Tiles { folder: folder.to_owned(), files }),
     }
