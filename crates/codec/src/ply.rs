@@ -304,7 +304,8 @@ impl RowSource {
 
     /// What a damaged row is, as the end of a sentence about points.
     fn damage(&self) -> &'static str {
-        let of_text = "have text that is not a number, or too few numbers; NaN or 0 stands for it";
+        let of_text = "have text that is not a number, or too few numbers; NaN or 0 stands for it, and points without a \
+                       place are left out";
         self.maker.as_ref().map_or(of_text, |maker| maker.damage())
     }
 

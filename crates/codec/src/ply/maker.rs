@@ -20,7 +20,8 @@ pub trait RowMaker: Send + Sync {
 
     /// What a damaged row is, as the end of a sentence about points.
     fn damage(&self) -> &'static str {
-        "have text that is not a number, or too few numbers; NaN or 0 stands for it"
+        "have text that is not a number, or too few numbers; NaN or 0 stands for it, and points without a place are left \
+         out"
     }
 
     /// Makes the first `block.rows` rows of a block, with the properties that `keep` names, packed little-endian, and passes

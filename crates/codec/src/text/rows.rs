@@ -131,9 +131,12 @@ impl RowMaker for TextRows {
             Some(_) => "are empty cells of the scanner's grid, or have no number, and are left out",
             None if self.long.iter().any(Option::is_some) => {
                 "have text that is not a number, too few numbers, or a broken number among long whole ones; NaN, 0 or the \
-                 nearest whole number stands for it"
+                 nearest whole number stands for it, and points without a place are left out"
             }
-            None => "have text that is not a number, or too few numbers; NaN or 0 stands for it",
+            None => {
+                "have text that is not a number, or too few numbers; NaN or 0 stands for it, and points without a place \
+                 are left out"
+            }
         }
     }
 
