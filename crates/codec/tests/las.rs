@@ -644,6 +644,15 @@ fn a_header_without_a_count_does_not_hide_the_points() {
     let (source, cloud, _) = read_bytes(&las);
     assert_eq!((source.info().points, cloud.len()), (100, 100));
     assert!(source.info().warnings.iter().any(|warning| warning.contains("0 points")));
+    // The last compressed chunk is not full.
+    for format in [3, 7] {
+        let mut laz = compress(&las_file((1, 4), format, &points(format, 2_500), &[]), &Chunks::Fixed(1_000));
+        laz[107..111].fill(0);
+        laz[247..255].fill(0);
+        let (source, cloud, summary) = read_bytes(&laz);
+        assert!((2_500..2_510).contains(&source.info().points), "{format}: {}", source.info().points);
+        assert_eq!((cloud.len(), summary.warnings), (source.info().points, Vec::new()));
+    }
 }
 
 #[test]

@@ -25,6 +25,8 @@ const TABLE_OFFSET_LENGTH: u64 = 8;
 /// The fewest points of chunks that are read without a chunk table: each chunk starts with a new decoder, which takes a
 /// millisecond to set up, the time of a thousand points. LASzip makes chunks of 50,000.
 const FEWEST_POINTS_WITHOUT_TABLE: u32 = 1_000;
+/// The most points of a chunk that are counted by decoding them while a file is opened; a larger chunk counts as it says.
+const MOST_COUNTED: u64 = 10_000_000;
 
 /// A run of points that is decoded from its start.
 #[derive(Clone, Copy, Debug)]
@@ -139,18 +141,19 @@ impl Compressed {
         let mut chunk =
             CompressedChunk { first_point: 0, points, offset, length: file.length().saturating_sub(offset) };
         if count {
-            let mut decoded = 0;
-            if let Ok(mut stream) = self.stream(file, &chunk, DecompressionSelection::base()) {
-                let mut record = vec![0; self.record_length];
-                while decoded < points && stream.decode(&mut record).1.is_ok() {
-                    decoded += 1;
-                }
-            }
-            chunk.points = decoded;
+            chunk.points = self.decodable_points(file, &chunk);
         }
         if chunk.points > 0 {
             self.chunks.push(chunk);
         }
+    }
+
+    /// The number of points of a chunk, at most those that it says, by decoding it. Some at the end may be made of the rest of
+    /// the coder's bytes.
+    fn decodable_points(&self, file: &Bytes, chunk: &CompressedChunk) -> u64 {
+        let Ok(mut stream) = self.stream(file, chunk, DecompressionSelection::base()) else { return 0 };
+        let mut record = vec![0; self.record_length];
+        (0..chunk.points).take_while(|_| stream.decode(&mut record).1.is_ok()).count() as u64
     }
 
     /// Checks that one decoder of `layers` fits in memory. `filled` is the number of the chunk's layers that are not
@@ -195,6 +198,9 @@ impl Compressed {
                     left
                 } else if let (0, Some(found)) = (left, self.layered_chunk(file, offset, file.length())) {
                     found.points
+                } else if promised == 0 && self.layers.is_none() && points <= MOST_COUNTED {
+                    let chunk = CompressedChunk { first_point, points, offset, length: entry.byte_count };
+                    self.decodable_points(file, &chunk)
                 } else {
                     points
                 };
@@ -204,6 +210,11 @@ impl Compressed {
             }
             offset += entry.byte_count;
             first_point = first_point.saturating_add(points);
+        }
+        if promised == 0 && first_point > 0 {
+            warnings.push(format!(
+                "the header says 0 points, the compressed data hold {first_point}: the last few may be made of its end"
+            ));
         }
         if promised > 0 && first_point > promised {
             warnings.push(format!(
