@@ -558,6 +558,12 @@ fn whole_numbers_of_a_table_keep_all_their_digits() {
     let selection = Selection { positions: true, attributes, ..Selection::default() };
     let warnings = source.read(&selection, &Progress::default(), &|_| {}).unwrap().warnings.concat();
     assert!(warnings.contains("2 of 504") || warnings.contains("2 points"), "{warnings}");
+    // Those that come first after the lines by which the type is chosen are doubles, and that is said.
+    let rows = "1,2,3,1e300\n1,2,3,9007199254740993\n1,2,3,9007199254740992\n";
+    let text = format!("x,y,z,id\n{}{rows}", "1,2,3,7\n".repeat(500));
+    let source = codec::open(&file(&folder, "late.csv", text)).unwrap();
+    let warnings = source.read(&selection, &Progress::default(), &|_| {}).unwrap().warnings.concat();
+    assert!(warnings.contains("1 of 503 points have") && warnings.contains("beyond 2^53 among doubles"), "{warnings}");
 }
 
 /// The coordinates of a point, and the point without them.

@@ -57,6 +57,12 @@ fn long_number(token: &[u8], value: f64, column_type: ColumnType) -> (u64, bool)
     exact.map_or((rounded, is_exact), |exact| (exact, true))
 }
 
+/// Whether a text is a whole number beyond 2^53 that a double does not hold.
+fn loses_digits(token: &[u8], value: f64) -> bool {
+    let text = || std::str::from_utf8(token).unwrap_or_default();
+    value.abs() >= 2_f64.powi(53) && text().parse::<i128>().is_ok_and(|whole| whole != value as i128)
+}
+
 impl TextRows {
     /// `columns` are the names and types of a line's columns; the first of these names are those of the place.
     pub fn new(
@@ -99,11 +105,14 @@ impl TextRows {
                 let value = self.style.number(token);
                 is_whole &= value.is_some();
                 values[property] = value.unwrap_or(f64::NAN);
-                if let Some(column_type) = self.long[property] {
-                    let (bits, is_exact) = long_number(token, values[property], column_type);
-                    long[property] = bits;
-                    is_whole &= is_exact;
-                }
+                is_whole &= match self.long[property] {
+                    Some(column_type) => {
+                        let (bits, is_exact) = long_number(token, values[property], column_type);
+                        long[property] = bits;
+                        is_exact
+                    }
+                    None => !loses_digits(token, values[property]),
+                };
             }
         }
         is_whole &= self.columns[found..].iter().flatten().all(|property| !wanted[*property]);
@@ -129,13 +138,10 @@ impl RowMaker for TextRows {
     fn damage(&self) -> &'static str {
         match self.cells {
             Some(_) => "are empty cells of the scanner's grid, or have no number, and are left out",
-            None if self.long.iter().any(Option::is_some) => {
-                "have text that is not a number, too few numbers, or a broken number among long whole ones; NaN, 0 or the \
-                 nearest whole number stands for it, and points without a place are left out"
-            }
             None => {
-                "have text that is not a number, or too few numbers; NaN or 0 stands for it, and points without a place \
-                 are left out"
+                "have text that is not a number, too few numbers, or a number that its column cannot hold, as a whole one \
+                 beyond 2^53 among doubles; NaN, 0 or the nearest number that it holds stands for it, and points without a \
+                 place are left out"
             }
         }
     }
