@@ -11,7 +11,7 @@ mod pages;
 use std::io;
 use std::sync::Arc;
 
-use e57::{E57Reader, PointCloud, Projection, Transform};
+use e57::{DateTime, E57Reader, PointCloud, Projection, Transform};
 use glam::{DQuat, DVec3};
 
 use crate::bytes::Bytes;
@@ -104,7 +104,10 @@ fn open_scan(
     let is_of_scanner = scan.transform.is_some() || layout.is_spherical || scan.has_row_column();
     let position = is_of_scanner.then(|| pose.unwrap_or(Pose::NONE).shift);
     let turn = pose.unwrap_or(Pose::NONE).turn;
-    info.scan = Some(Scan { name: name_of(scan.name.as_ref(), "scan", number), number, of, position, turn });
+    let time = |time: &Option<DateTime>| Some((time.as_ref()?.gps_time, time.as_ref()?.atomic_reference));
+    let times = [time(&scan.acquisition_start), time(&scan.acquisition_end)];
+    let times = times.map(|time| time.filter(|(seconds, _)| seconds.is_finite()));
+    info.scan = Some(Scan { name: name_of(scan.name.as_ref(), "scan", number), number, of, position, turn, times });
     info.limits = layout.intensity_limits.map(|limits| ("intensity".to_owned(), limits)).into_iter().collect();
     let color_scale = layout.color_scale;
     let maker = Box::new(Maker { layout, packets, pose: pose.filter(|_| is_moved) });

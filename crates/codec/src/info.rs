@@ -64,6 +64,8 @@ pub struct Scan {
     pub position: Option<DVec3>,
     /// From the scanner's own axes to those of the coordinates.
     pub turn: DQuat,
+    /// When the scan began and ended, if the file says so: seconds of GPS time, and whether an atomic clock gave them.
+    pub times: [Option<(f64, bool)>; 2],
 }
 
 /// A picture that a file holds.

@@ -206,8 +206,14 @@ pub fn open(file: &Arc<Bytes>) -> Result<RowSource> {
         info.warnings.push(format!("{} of {} points are missing: the file ends early", info.missing, header.points));
     }
     let name = "scan 1".to_owned();
-    info.scan =
-        header.position.map(|place| Scan { name, number: 0, of: 1, position: Some(place), turn: DQuat::IDENTITY });
+    info.scan = header.position.map(|place| Scan {
+        name,
+        number: 0,
+        of: 1,
+        position: Some(place),
+        turn: DQuat::IDENTITY,
+        times: [None; 2],
+    });
     let is_text = header.data == Data::Ascii;
     let maker = Box::new(maker);
     RowSource::made(file.clone(), Made { maker, rows, is_text, newline: b'\n', color_scale: None, info })

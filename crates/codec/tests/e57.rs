@@ -170,8 +170,16 @@ fn written(prototype: Vec<Record>, pose: Option<Transform>, points: &[Vec<Record
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = E57Writer::new(&mut bytes, "a file").unwrap();
     writer.register_extension(Extension::new("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")).unwrap();
+    let is_whole = |record: &Record| matches!(record.data_type, RecordDataType::Integer { .. });
+    let has_intensity = prototype.iter().any(|record| record.name == RecordName::Intensity && is_whole(record));
     let mut scan = writer.add_pointcloud("a scan", prototype).unwrap();
     scan.set_name(Some("hall".into()));
+    let limits = [1, 60_000].map(|limit| Some(RecordValue::Integer(limit)));
+    let [intensity_min, intensity_max] = limits;
+    scan.set_intensity_limits(has_intensity.then_some(e57::IntensityLimits { intensity_min, intensity_max }));
+    let time = |gps_time| Some(e57::DateTime { gps_time, atomic_reference: true });
+    scan.set_acquisition_start(time(1.2345e9));
+    scan.set_acquisition_end(time(1.2345e9 + 0.25));
     scan.set_transform(pose);
     for point in points {
         scan.add_point(point.clone()).unwrap();
@@ -368,6 +376,10 @@ fn an_export_to_e57_keeps_scans_with_their_names_places_and_values() {
         assert_eq!(kept.iter().map(|at| before[*at]).collect::<Vec<_>>(), after, "{name}");
     }
     assert!(all[0].info().has_colors && read(&all[0]).1.warnings.is_empty());
+    // So are the range of the sensor and the time of the scan.
+    assert_eq!(all[0].info().limits, [("intensity".to_owned(), [1.0, 60_000.0])]);
+    assert_eq!(positions[0].times, [Some((1.2345e9, true)), Some((1.2345e9 + 0.25, true))]);
+    assert_eq!((positions[1].times, all[1].info().limits.len()), ([None; 2], 0));
     assert_eq!(values(&all[1], &read(&all[1]).0, "odd_name"), [0.5, 0.25]);
 }
 

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use cloud::{Column, ColumnType, SURFACE_ERROR};
-use e57::{E57Writer, Extension, PointCloudWriter, Quaternion, Record, RecordDataType, RecordName, RecordValue};
-use e57::{Transform, Translation};
+use e57::{DateTime, E57Writer, Extension, IntensityLimits, PointCloudWriter, Quaternion, Record, RecordDataType};
+use e57::{RecordName, RecordValue, Transform, Translation};
 use glam::{DQuat, DVec3};
 use tempfile::NamedTempFile;
 
@@ -103,6 +103,18 @@ impl ScanFormat {
         let normals = normals();
         let returns = records.iter().position(|record| record.name == RecordName::ReturnIndex);
         Self { rows, records, pose, places, normals, returns, has_no_return: AtomicBool::new(false), renamed }
+    }
+
+    /// The least and the greatest intensity that a sensor gives, as values of the column, if a file says them.
+    fn intensity_limits(&self, limits: &[(String, [f64; 2])]) -> Option<(Option<RecordValue>, Option<RecordValue>)> {
+        let (_, [least, most]) = limits.iter().find(|(name, _)| name == "intensity")?;
+        let record = self.records.iter().find(|record| record.name == RecordName::Intensity)?;
+        let value = |value: f64| match record.data_type {
+            RecordDataType::Single { .. } => RecordValue::Single(value as f32),
+            RecordDataType::Integer { .. } => RecordValue::Integer(value as i64),
+            _ => RecordValue::Double(value),
+        };
+        Some((Some(value(*least)), Some(value(*most))))
     }
 
     /// The values of a packed row.
@@ -270,6 +282,13 @@ impl Job<'_> {
                 rotation: Quaternion { w: turn.w, x: turn.x, y: turn.y, z: turn.z },
                 translation: Translation { x: place.x, y: place.y, z: place.z },
             }));
+            let [start, end] = info.scan.as_ref().map_or([None; 2], |scan| scan.times);
+            let time = |(gps_time, atomic_reference)| DateTime { gps_time, atomic_reference };
+            scan.set_acquisition_start(start.map(time));
+            scan.set_acquisition_end(end.map(time));
+            if let Some((intensity_min, intensity_max)) = format.intensity_limits(&info.limits) {
+                scan.set_intensity_limits(Some(IntensityLimits { intensity_min, intensity_max }));
+            }
             points += self.write_scan(number, own, is_wide, &format, &mut scan, &mut warnings).map_err(unwritten)?;
             if self.progress.is_cancelled() {
                 return Ok(None);
