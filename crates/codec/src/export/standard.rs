@@ -160,8 +160,8 @@ impl Values {
         (self.points, self.broken, self.within) = (all.points - all.none, all.broken, all.within);
     }
 
-    /// Whether times are standard time, as those beyond the seconds of a week are; `None` if nothing but zeros, or less, is
-    /// there.
+    /// Whether times are standard time, as those before or beyond the seconds of a week are; `None` if all are zero, if a
+    /// point has no time, or if there are no points.
     pub fn is_standard_time(&self) -> Option<bool> {
         let is_known = self.none == 0 && self.points > 0 && (self.least, self.greatest) != (0.0, 0.0);
         is_known.then_some(self.least < 0.0 || self.greatest > WEEK)
