@@ -31,7 +31,7 @@ use crate::{
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 9;
+pub const ESTIMATOR: u32 = 10;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;
@@ -495,6 +495,10 @@ fn orient(normal: Vec3, position: DVec3, orientation: Orientation) -> Vec3 {
 /// in the mean.
 const MOST_COLUMNS: usize = 64;
 const COLUMN_POINTS: usize = 16;
+/// The height of a landscape relative to its width is less.
+const LANDSCAPE_HEIGHT: f64 = 0.35;
+/// The fewest square pieces of a strip.
+const FEWEST_PIECES: f64 = 4.0;
 
 /// Guesses from its shape which side of a cloud was scanned: the inside of a room, the top of a landscape, or the
 /// outside of an object. `up` is the vertical axis.
@@ -502,10 +506,11 @@ const COLUMN_POINTS: usize = 16;
 /// - A room has a floor and a ceiling: the lowest and the highest tenth of its height hold an eighth of the points each
 ///   (a sphere, a cylinder or a box without lids has a tenth there, terrain next to nothing at the top), and under most of
 ///   the ceiling there are points of the lower half (not under a field with a pit in it, or a terrace).
-/// - A landscape is less high than a third of its width.
+/// - A landscape is less high than a third of its width. So is one that is much longer than wide, a strip, if most of its
+///   points are in square pieces that are; such a piece of a wall, of a corridor or of a beam is higher.
 /// - Anything else is an object. The outside of a box or a can with both lids looks like a room and is taken for one.
 pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
-    let sample: Vec<DVec3> = spread_sample(chunks).collect();
+    let mut sample: Vec<DVec3> = spread_sample(chunks).collect();
     let bounds = bounds_of_sampled(chunks, sample.clone());
     let up = up.normalize_or(Vec3::Z);
     let vertical = up.abs().max_position();
@@ -518,8 +523,9 @@ pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
     // Whether each of a grid of columns has points of the lower half, and of a ceiling.
     let across = (sample.len() / COLUMN_POINTS).isqrt().clamp(4, MOST_COLUMNS);
     let mut columns = vec![[false; 2]; across * across];
-    let (mut total, mut lowest, mut highest) = (0, 0, 0);
-    for position in sample.into_iter().filter(|position| bounds.contains(*position)) {
+    let (mut lowest, mut highest) = (0, 0);
+    sample.retain(|position| bounds.contains(*position));
+    for position in &sample {
         let share = (position - bounds.min) / size;
         let [column, row] =
             [1, 2].map(|next| ((share[(vertical + next) % 3] * across as f64) as usize).min(across - 1));
@@ -527,21 +533,45 @@ pub fn guess_orientation(chunks: &[Chunk], up: Vec3) -> Orientation {
         let [is_below, has_ceiling] = &mut columns[row * across + column];
         *is_below |= share[vertical] < 0.5;
         *has_ceiling |= is_highest;
-        total += 1;
         lowest += usize::from(is_lowest);
         highest += usize::from(is_highest);
     }
     let ceiling = columns.iter().filter(|[_, has_ceiling]| *has_ceiling);
     let above = ceiling.clone().filter(|[is_below, _]| *is_below).count();
     // A level field is not a room, whatever its noise looks like.
-    let has_lids = 8 * lowest >= total && 8 * highest >= total && height > 0.02 * width;
+    let has_lids = 8 * lowest.min(highest) >= sample.len() && height > 0.02 * width;
     if has_lids && 2 * above > ceiling.count() {
         Orientation::Toward(bounds.center())
-    } else if height < 0.35 * width {
+    } else if height < LANDSCAPE_HEIGHT * width || is_strip(&sample, bounds, vertical) {
         Orientation::Up(up)
     } else {
         Orientation::AwayFrom(bounds.center())
     }
+}
+
+/// Whether the points in these bounds are a strip of a landscape.
+fn is_strip(points: &[DVec3], bounds: Bounds, vertical: usize) -> bool {
+    let size = bounds.size();
+    let [one, other] = [1, 2].map(|next| (vertical + next) % 3);
+    let (along, across) = if size[one] > size[other] { (one, other) } else { (other, one) };
+    let count = (size[along] / size[across]).min((points.len() / COLUMN_POINTS) as f64);
+    if count < FEWEST_PIECES {
+        return false;
+    }
+    let mut pieces: Vec<Vec<f64>> = vec![Vec::new(); count as usize];
+    for point in points {
+        let share = (point[along] - bounds.min[along]) / size[along];
+        let place = ((share * pieces.len() as f64) as usize).min(pieces.len() - 1);
+        pieces[place].push(point[vertical]);
+    }
+    // Birds and echoes below the ground are few.
+    let held_if_flat = |heights: &mut Vec<f64>| {
+        heights.sort_unstable_by(f64::total_cmp);
+        let stray = heights.len() / 50;
+        let ends = [heights.get(stray), heights.iter().nth_back(stray)].map(|end| end.copied().unwrap_or(0.0));
+        if ends[1] - ends[0] < LANDSCAPE_HEIGHT * size[across] { heights.len() } else { 0 }
+    };
+    2 * pieces.iter_mut().map(held_if_flat).sum::<usize>() > points.len()
 }
 
 /// Normals from the faces of a mesh.

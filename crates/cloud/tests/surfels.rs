@@ -478,6 +478,46 @@ fn a_field_with_a_pit_and_a_terrace_are_seen_from_above() {
 }
 
 #[test]
+fn a_strip_of_ground_is_seen_from_above_and_walls_corridors_and_beams_are_not() {
+    let up = Vec3::Z;
+    let guess = |count: u64, place: &dyn Fn(u64, [f64; 3]) -> [f64; 3]| {
+        let point = |i: u64| place(i, [1, 2, 3].map(|next| random(3 * i + next))).map(|v| v as f32);
+        guess_orientation(&chunked(&(0..count).map(point).collect::<Vec<_>>(), 8192), up)
+    };
+    // 500 by 5, as high as wide, with a noise of some centimetres; few points and many, along either axis.
+    let ground = |x: f64, noise: f64| 3.0 * (x / 60.0).sin() + 0.1 * noise;
+    for count in [1000, 50_000] {
+        assert_eq!(guess(count, &|_, [x, y, z]| [500.0 * x, 5.0 * y, ground(500.0 * x, z)]), Orientation::Up(up));
+        assert_eq!(guess(count, &|_, [x, y, z]| [5.0 * y, 500.0 * x, ground(500.0 * x, z)]), Orientation::Up(up));
+    }
+    // 2 km by 300 m that fall by 160 m, with birds and echoes below the ground.
+    let with_noise = guess(50_000, &|i, [x, y, z]| {
+        let stray = if i % 1000 == 0 { 240.0 * z - 120.0 } else { 0.0 };
+        [2000.0 * x, 300.0 * y, 160.0 * x + stray]
+    });
+    assert_eq!(with_noise, Orientation::Up(up));
+    for count in [300, 1000, 50_000] {
+        let is_object = |place: &dyn Fn(u64, [f64; 3]) -> [f64; 3]| {
+            let guess = guess(count, place);
+            assert!(matches!(guess, Orientation::AwayFrom(_)), "{guess:?} of {count} points");
+        };
+        // A wall; the upper half of a pipe; one side of a roof.
+        is_object(&|_, [x, y, z]| [50.0 * x, 0.2 * y, 3.0 * z]);
+        is_object(&|_, [x, turn, _]| {
+            let (sin, cos) = (turn * std::f64::consts::PI).sin_cos();
+            [50.0 * x, 0.5 * cos, 0.5 * sin]
+        });
+        is_object(&|_, [x, y, _]| [50.0 * x, 4.0 * y, 2.0 * y]);
+        // A corridor of 40 by 2 by 2.5.
+        let corridor = guess(count, &|i, [x, y, z]| match i % 4 {
+            lid @ (0 | 1) => [40.0 * x, 2.0 * y, 2.5 * lid as f64],
+            side => [40.0 * x, 2.0 * (side - 2) as f64, 2.5 * z],
+        });
+        assert!(matches!(corridor, Orientation::Toward(_)), "{corridor:?} of {count} points");
+    }
+}
+
+#[test]
 fn mesh_normals_are_weighted_by_area_and_bad_triangles_are_counted() {
     // A flat square of two triangles, and a small steep one at its first corner; chunks split the vertices.
     let vertices = [
