@@ -3,13 +3,12 @@
 use std::ffi::OsStr;
 
 use anyhow::Context as _;
-use cloud::Progress;
+use cloud::{COMPARED, Progress};
 use codec::{Added, ExportFormat, Units};
 use glam::DVec3;
 use measure::DistanceFigures;
 use scene::shown;
 use serde_json::json;
-use stream::COMPARED;
 use world::half_of;
 
 use crate::commands::recording;

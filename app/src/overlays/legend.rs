@@ -1,12 +1,11 @@
 //! The colour legend: a ramp with its numbers, or the classes that occur, with the name of what is shown.
 
-use cloud::SURFACE_ERROR;
+use cloud::is_length;
 use codec::Units;
 use egui::epaint::Mesh;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
 use render::{ColorPlan, ColorSource, STRAY_KINDS, class_color, class_name, ramp_colors};
 use scene::Ramp;
-use stream::COMPARED;
 
 use super::ground;
 use crate::shared::language::{text, translated};
@@ -107,14 +106,11 @@ impl Legend {
     }
 }
 
-/// The name of what colours show, with its unit where it is known: of heights, of the distances of a comparison, and of
-/// how sure the surface is.
+/// The name of what colours show, with its unit where it is known: of heights, and of columns that are lengths.
 pub fn title(plan: &ColorPlan, units: &Units) -> String {
-    // Further attributes of one name have a number.
-    let name = plan.label.trim_end_matches(|end: char| end.is_ascii_digit()).trim_end_matches('_');
     let unit = match plan.source {
         ColorSource::Height => units.rise(),
-        ColorSource::Column(_) => units.length().filter(|_| COMPARED.contains(&name) || name == SURFACE_ERROR),
+        ColorSource::Column(_) => units.length().filter(|_| is_length(&plan.label)),
         _ => None,
     };
     unit.map_or(plan.label.clone(), |unit| format!("{} ({unit})", plan.label))
@@ -176,6 +172,8 @@ mod tests {
         let metres = Units { level: Some(Unit::Metre), height: None };
         let title = |units| Legend::of(&distances, units, std::iter::empty()).unwrap().title;
         assert_eq!((title(&metres), title(&feet)), ("distance_2 (m)".into(), "distance_2".into()));
+        let error = ColorPlan { label: cloud::GHOST_ERROR.into(), ..distances.clone() };
+        assert_eq!(Legend::of(&error, &metres, std::iter::empty()).unwrap().title, "ghost_error (m)");
         assert_eq!(of(ColorSource::Class).unwrap().scale, Scale::Classes(vec![2, 6]));
         assert_eq!(of(ColorSource::Stray).unwrap().scale, Scale::Strays);
         for source in [ColorSource::Rgb, ColorSource::RgbOr(Some(0)), ColorSource::Plain, ColorSource::Normal] {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, Column, PointTest, Progress};
+use cloud::{Chunk, Cloud, Column, GHOST_ERROR, PointTest, Progress};
 use codec::{Added, Exported, Runs, Selection, Source, Wanted};
 use ghost::{Block, Extent, Found, Gauge, Kind, Mirrors, Points, Suspect, Verdicts};
 use glam::DVec3;
@@ -146,7 +146,7 @@ pub fn write(
     memory: u64,
     progress: &Progress,
 ) -> anyhow::Result<Option<(Vec<String>, u64)>> {
-    let names = [KIND, MIRROR, PROBABILITY, "ghost_error"].map(|name| free_name(sources, name));
+    let names = [KIND, MIRROR, PROBABILITY, GHOST_ERROR].map(|name| free_name(sources, name));
     let test = PointTest::default();
     let (mut all, mut columns): (_, [Vec<Runs>; 4]) = (sources.to_vec(), Default::default());
     for (file, source) in sources.iter().enumerate() {

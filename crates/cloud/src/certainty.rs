@@ -19,8 +19,6 @@ use crate::neighbours::{Points, Surroundings, Tiles};
 use crate::surfels::parts;
 use crate::{Chunk, Progress, unpack_normal};
 
-/// The name of the attribute that holds the half widths of intervals along normals.
-pub const SURFACE_ERROR: &str = "surface_error";
 /// The share of sightlines whose error the interval holds.
 pub const STATED: f64 = 0.95;
 /// The number of neighbours that give a disc's error, as many as make its normal.

@@ -36,11 +36,13 @@ mod volume;
 pub use blank::{ColorCount, is_black};
 pub use bounds::Bounds;
 pub use carve::{are_seen_from_stations, is_depth_image, is_seen_from};
-pub use certainty::{HalfWidths, STATED, SURFACE_ERROR, error_along, half_widths, surface_errors};
+pub use certainty::{HalfWidths, STATED, error_along, half_widths, surface_errors};
 pub use chunk::{Chunk, Cloud, Grid};
 pub use column::{Attribute, Column, ColumnType};
 pub use mesh_points::MeshPoints;
-pub use names::{attribute_named, attributes_named, standard_name};
+pub use names::{
+    COMPARED, GHOST_ERROR, SURFACE_ERROR, attribute_named, attributes_named, is_length, is_numbered, standard_name,
+};
 pub use noise::{Neighbourhoods, neighbourhoods};
 pub use origin::{Amid, amid, offset_from};
 pub use packing::{

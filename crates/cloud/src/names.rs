@@ -40,6 +40,25 @@ pub fn standard_name(name: &str) -> Option<&'static str> {
     STANDARD.iter().find(means).map(|(standard, _)| *standard)
 }
 
+/// The columns that a comparison of two clouds adds to points: the distance of each, and how large one must be to count.
+pub const COMPARED: [&str; 2] = ["distance", "level_of_detection"];
+/// The column that says how far the place of a ghost may be off.
+pub const GHOST_ERROR: &str = "ghost_error";
+/// The column that says how far the surface may be off along its normal: the half width of an interval.
+pub const SURFACE_ERROR: &str = "surface_error";
+
+/// Whether a column has this name, or is a further one of it, which has a number: `distance_2`.
+pub fn is_numbered(name: &str, of: &str) -> bool {
+    let rest = name.strip_prefix(of);
+    let number = rest.and_then(|rest| rest.strip_prefix('_'));
+    rest == Some("") || number.is_some_and(|number| number.parse::<u32>().is_ok())
+}
+
+/// Whether a column is one of those of lengths that glint adds to points.
+pub fn is_length(name: &str) -> bool {
+    COMPARED.into_iter().chain([GHOST_ERROR, SURFACE_ERROR]).any(|own| is_numbered(name, own))
+}
+
 /// The index of the attribute that `name` names: the one that is called so, else the first that means the same.
 pub fn attribute_named(attributes: &[Attribute], name: &str) -> Option<usize> {
     let called = attributes.iter().position(|attribute| attribute.name == name);

@@ -45,7 +45,7 @@ pub use kept::{KeptSurfels, SurfelPlace};
 pub use node_table::NodeTable;
 pub use octree::{Node, NodeId, Octree, Paged};
 pub use pages::{BUILDER, Pages};
-pub use plan::{COMPARED, index_attributes, is_one_grid};
+pub use plan::{index_attributes, is_one_grid};
 pub use preview::Previewed;
 pub use streamer::{Missing, NodeChange, Page, PagedCloud, Streamer, StreamerStats};
 pub use surfels::{coarsest, estimate_surfels};

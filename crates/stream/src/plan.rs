@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cloud::{Attribute, Bounds, Chunk, Cloud, ColumnType, Grid, Progress, attribute_named};
+use cloud::{Attribute, Bounds, COMPARED, Chunk, Cloud, ColumnType, Grid, Progress, attribute_named, is_numbered};
 use codec::{Format, Selection, Source};
 use glam::DVec3;
 
@@ -13,9 +13,6 @@ use crate::{Error, Result};
 
 /// The attributes that an index keeps if a file has them.
 const KEPT: [&str; 3] = ["intensity", "classification", "return_number"];
-/// The attributes that a comparison of two clouds adds to the points of a file. An index keeps these, too; where a file
-/// has several, as `distance` and `distance_2`, the last of each.
-pub const COMPARED: [&str; 2] = ["distance", "level_of_detection"];
 /// The number of lattice steps across the middle half of the points, for files without a grid. The steps are finer than the
 /// differences that f32 coordinates can hold there.
 const STEPS: f64 = (1_u64 << 29) as f64;
@@ -177,15 +174,11 @@ fn first_named<'a>(mut offered: impl Iterator<Item = &'a [Attribute]>, name: &st
     offered.find_map(|attributes| Some(attributes[attribute_named(attributes, name)?].clone()))
 }
 
-/// The attributes that every index keeps, among those that some files offer.
+/// The attributes that every index keeps, among those that some files offer: the usual ones, and the last of each that
+/// comparisons have added.
 fn usual_attributes<'a>(offered: impl Iterator<Item = &'a [Attribute]> + Clone) -> Vec<Attribute> {
     let find = |name: &&str| first_named(offered.clone(), name);
-    let is_of = |name: &str, attribute: &Attribute| {
-        let rest = attribute.name.strip_prefix(name);
-        let number = rest.and_then(|rest| rest.strip_prefix('_'));
-        rest == Some("") || number.is_some_and(|number| number.parse::<u32>().is_ok())
-    };
-    let last = |name: &&str| offered.clone().flatten().filter(|attribute| is_of(name, attribute)).last().cloned();
+    let last = |name: &&str| offered.clone().flatten().filter(|kept| is_numbered(&kept.name, name)).last().cloned();
     KEPT.iter().filter_map(find).chain(COMPARED.iter().filter_map(last)).collect()
 }
 

@@ -3,12 +3,11 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cloud::{Cloud, PointTest, Progress};
+use cloud::{COMPARED, Cloud, PointTest, Progress};
 use codec::{Added, Units};
 use glam::DVec3;
 use measure::DistanceFigures;
 use scene::{CloudSettings, Settings, Strays};
-use stream::COMPARED;
 use world::{CloudKey, half_of};
 
 use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};

@@ -5,10 +5,9 @@ use std::collections::BTreeMap;
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
-use cloud::{Column, Progress};
+use cloud::{COMPARED, Column, Progress};
 use scene::ColorBy;
 use serde_json::json;
-use stream::COMPARED;
 use world::{Change, CloudKey};
 
 use crate::viewer::loaded::{Beside, Loaded};

@@ -4,11 +4,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use cloud::{Attribute, Cloud, ColumnType};
+use cloud::{Attribute, COMPARED, Cloud, ColumnType};
 use codec::{ExportFormat, Runs};
 use scene::{ColorBy, shown};
 use serde_json::json;
-use stream::COMPARED;
 use world::CloudKey;
 
 use crate::shared::comparing::{Measured, Method};

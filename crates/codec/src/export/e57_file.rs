@@ -5,7 +5,7 @@ use std::io::{self, Read, Seek, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use cloud::{Column, ColumnType, SURFACE_ERROR};
+use cloud::{Column, ColumnType, is_length};
 use e57::{DateTime, E57Writer, Extension, IntensityLimits, PointCloudWriter, Quaternion, Record, RecordDataType};
 use e57::{RecordName, RecordValue, Transform, Translation};
 use glam::{DQuat, DVec3};
@@ -342,17 +342,13 @@ impl Job<'_> {
     }
 }
 
-/// Columns of glint that are lengths; further ones of a name have a number.
-const LENGTHS: [&str; 4] = ["distance", "level_of_detection", "ghost_error", SURFACE_ERROR];
-
 /// What a column is multiplied by, if coordinates are; `None` for one that is no length. Lengths of places whose heights
 /// have another unit have none.
 pub(super) fn scale_of(field: &Field, scale: DVec3) -> Option<f64> {
     if field.meaning == Meaning::Coordinate {
         return ["x", "y", "z"].iter().position(|axis| *axis == field.name()).map(|axis| scale[axis]);
     }
-    let name = field.name().trim_end_matches(|end: char| end.is_ascii_digit()).trim_end_matches('_');
-    (LENGTHS.contains(&name) && scale.x == scale.z).then_some(scale.x)
+    (is_length(field.name()) && scale.x == scale.z).then_some(scale.x)
 }
 
 /// Multiplies coordinates and lengths among the columns of a file, which become doubles.
