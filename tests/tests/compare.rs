@@ -144,6 +144,26 @@ fn a_cloud_that_its_scene_moves_or_turns_is_compared_from_where_it_stands() {
 }
 
 #[test]
+fn a_comparison_of_a_file_with_a_damaged_chunk_says_so_and_fails_with_and_without_an_output() {
+    let folder = Folder::new();
+    let rows: String = (0..60_000).map(|at| format!("{},{},0\n", at % 200, at / 200)).collect();
+    folder.write("a.csv", format!("x,y,z\n{rows}"));
+    folder.write("b.csv", "x,y,z\n1,1,1\n4,4,1\n7,7,1\n");
+    assert_eq!(folder.glint(["export", "a.csv", "-o", "a.laz"]).status, Some(0));
+    let mut bytes = std::fs::read(folder.path("a.laz")).expect("the file");
+    // Behind the first record of the first chunk, which has 50,000 points, are their number and the sizes of the layers.
+    let start = u32::from_le_bytes([bytes[96], bytes[97], bytes[98], bytes[99]]) as usize + 8;
+    let length = usize::from(bytes[105]);
+    bytes[start + length + 4..][..4].fill(0xff);
+    folder.write("a.laz", bytes);
+    for words in [&["a.laz", "b.csv"][..], &["b.csv", "a.laz"], &["a.laz", "b.csv", "-o", "c.laz"]] {
+        let outcome = folder.glint(std::iter::once(&"compare").chain(words));
+        assert_eq!(outcome.status, Some(2), "{outcome}");
+        assert!(outcome.messages.contains("the distances are those of parts: 50,000 points"), "{outcome}");
+    }
+}
+
+#[test]
 fn what_cannot_be_compared_is_refused() {
     let folder = Folder::new();
     folder.write("a.ply", plane(0.0, 0.0));

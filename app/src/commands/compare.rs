@@ -13,8 +13,8 @@ use world::half_of;
 
 use crate::commands::recording;
 use crate::shared::command_line::CompareArguments;
-use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
-use crate::shared::export;
+use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side};
+use crate::shared::export::{self, free_name};
 use crate::shared::numbers::grouped;
 use crate::system::failure::{UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
@@ -38,7 +38,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     let first = open(&arguments.first, &arguments.set)?;
     let second = open(&arguments.second, &arguments.set)?;
     let all = first.sources().iter().chain(second.sources());
-    let missing = codec::missing_points(all.clone());
+    let lacking = codec::missing_points(all.clone());
     terminal::warn(param::few(world::system_warnings(all.map(|source| source.info())), "warnings"));
     let CompareArguments { normal_scale: normal, cylinder_scale: cylinder, reach, registration, core, .. } = *arguments;
     let method = match arguments.method.as_str() {
@@ -50,7 +50,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     let (measured, warnings) = progress_bar::watch("comparing", &progress, compare)?.ok_or(stream::Error::Cancelled)?;
     terminal::warn(param::few(warnings, "warnings"));
     report(arguments, &measured, &first.units)?;
-    let mut status = 0;
+    let (mut status, missing) = (0, lacking.saturating_add(measured.unread));
     if missing > 0 {
         let points = grouped(missing);
         terminal::complain(&format!("the distances are those of parts: {points} points of the clouds cannot be read"));

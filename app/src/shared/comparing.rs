@@ -87,6 +87,8 @@ pub struct Measured {
     pub figures: DistanceFigures,
     /// The share of the distances that are beyond their level of detection, if the method has levels.
     pub significant: Option<f64>,
+    /// The number of points of both clouds that could not be read, although they seemed to be there.
+    pub unread: u64,
     /// The median level of detection, which is the half width of the interval of 95 % of a distance, if the method has
     /// levels.
     pub interval: Option<f64>,
@@ -137,13 +139,13 @@ impl Side {
     }
 
     /// Calls `give` with the chunks of all files, the number of the file, what the chunks belong to, and which of their
-    /// points are shown, until it has no room for more. Returns the files' warnings.
+    /// points are shown, until it has no room for more. Returns the files' warnings, and how many points were not read.
     fn read(
         &self,
         progress: &Progress,
         room: &Room,
         give: impl Fn(usize, &Cloud, &Chunk, &ShownPoints) + Sync,
-    ) -> anyhow::Result<Vec<String>> {
+    ) -> anyhow::Result<(Vec<String>, u64)> {
         let ends = || progress.is_cancelled() || room.is_exceeded();
         let sources = match &self.points {
             Points::Files(sources) => sources,
@@ -154,10 +156,10 @@ impl Side {
                     give(0, cloud, chunk, &test.shown(chunk, chunk.bounds()));
                     progress.add(chunk.len() as u64);
                 });
-                return Ok(Vec::new());
+                return Ok((Vec::new(), 0));
             }
         };
-        let mut warnings = Vec::new();
+        let (mut warnings, mut unread) = (Vec::new(), 0);
         let wanted = self.wanted();
         for (number, source) in sources.iter().enumerate() {
             let info = source.info();
@@ -179,12 +181,13 @@ impl Side {
             let summary = source.read(&selection, &reading, &emit)?;
             let all = info.warnings.iter().chain(&summary.warnings);
             warnings.extend(all.map(|warning| format!("{}: {warning}", cloud.name)));
+            unread += info.points.saturating_sub(summary.points);
         }
-        Ok(warnings)
+        Ok((warnings, unread))
     }
 
-    /// The points that are shown, and the vertices of meshes if these are kept. The tree does not depend on the order in
-    /// which chunks come.
+    /// The points that are shown, the vertices of meshes if these are kept, and the number of points that could not be read.
+    /// The tree does not depend on the order in which chunks come.
     fn tree(
         &self,
         which: &str,
@@ -192,9 +195,9 @@ impl Side {
         progress: &Progress,
         room: &Room,
         warnings: &mut Vec<String>,
-    ) -> anyhow::Result<Option<(PointTree, Vertices)>> {
+    ) -> anyhow::Result<Option<(PointTree, Vertices, u64)>> {
         let found = Mutex::new(Vec::new());
-        warnings.append(&mut self.read(progress, room, |number, cloud, chunk, shown| {
+        let (mut told, unread) = self.read(progress, room, |number, cloud, chunk, shown| {
             let places = places_of(cloud, chunk, shown.indices(chunk.len()));
             let is_mesh = keeps_vertices && self.sources().get(number).is_some_and(|source| source.is_mesh());
             let kept = if is_mesh { chunk.len() } else { 0 };
@@ -204,7 +207,8 @@ impl Side {
             let mut own = vec![DVec3::NAN; kept];
             shown.indices(kept).zip(&places).for_each(|(index, place)| own[index] = *place);
             found.lock().unwrap_or_else(PoisonError::into_inner).push(((number, chunk.first_point), places, own));
-        })?);
+        })?;
+        warnings.append(&mut told);
         room.check()?;
         if progress.is_cancelled() {
             return Ok(None);
@@ -222,7 +226,7 @@ impl Side {
             }
         }
         let tree = PointTree::new(places);
-        let filled = (!tree.is_empty()).then_some((tree, vertices));
+        let filled = (!tree.is_empty()).then_some((tree, vertices, unread));
         filled.map(Some).ok_or_else(|| usage(format!("the {which} cloud shows no points")))
     }
 
@@ -354,12 +358,12 @@ pub fn compare(
     room.take(own.saturating_mul(value_bytes));
     room.check()?;
     let mut warnings = Vec::new();
-    let Some((second_tree, vertices)) = second.tree("second", !has_tree, progress, &room, &mut warnings)? else {
+    let Some((second_tree, vertices, lost)) = second.tree("second", !has_tree, progress, &room, &mut warnings)? else {
         return Ok(None);
     };
     let first_tree = match has_tree.then(|| first.tree("first", false, progress, &room, &mut warnings)).transpose()? {
         Some(None) => return Ok(None),
-        Some(Some((tree, _))) => tree,
+        Some(Some((tree, ..))) => tree,
         None => PointTree::default(),
     };
     let m3c2 = match method {
@@ -404,7 +408,7 @@ pub fn compare(
                 let read = first.read(progress, &room, |_, cloud, chunk, shown| {
                     add(&places_of(cloud, chunk, shown.indices(chunk.len())));
                 });
-                warnings.append(&mut read?);
+                warnings.append(&mut read?.0);
             }
             room.check()?;
             Some(found.into_inner().unwrap_or_else(PoisonError::into_inner).measured(&values, progress, own))
@@ -414,7 +418,7 @@ pub fn compare(
     let none = || vec![Runs::new(); first.files()];
     let lists = Mutex::new((none(), m3c2.is_some().then(none)));
     let first_bounds = Mutex::new(Bounds::EMPTY);
-    let read = first.read(progress, &room, |number, cloud, chunk, shown| {
+    let (read, unread) = first.read(progress, &room, |number, cloud, chunk, shown| {
         let indices: Vec<usize> = shown.indices(chunk.len()).collect();
         let places = places_of(cloud, chunk, indices.iter().copied());
         let values = match &cores {
@@ -466,7 +470,8 @@ pub fn compare(
     let figures = figures.with_context(|| format!("no point of the first cloud has a distance to the second{apart}"));
     let figures = figures.map_err(|error| usage(error.to_string()))?;
     let significant = levels.is_some().then(|| beyond / figures.points as f64);
-    Ok(Some((Measured { distances, levels, figures, significant, interval }, warnings)))
+    let unread = unread.saturating_add(lost);
+    Ok(Some((Measured { distances, levels, figures, significant, unread, interval }, warnings)))
 }
 
 fn m3c2(scales: Scales, first: &Side, tree: &PointTree) -> measure::Result<M3c2> {
@@ -545,15 +550,6 @@ impl Cores {
 
 fn cell_of(place: DVec3, edge: f64) -> I64Vec3 {
     (place / edge).floor().as_i64vec3()
-}
-
-/// A name that no attribute of the files has.
-pub fn free_name(sources: &[Arc<Source>], name: &str) -> String {
-    let is_taken = |name: &String| {
-        sources.iter().any(|source| source.info().properties.iter().any(|property| property.name == *name))
-    };
-    let numbered = (2..).map(|number| format!("{name}_{number}"));
-    std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -151,6 +151,15 @@ pub fn lack(output: &Path, missing: u64) -> Option<String> {
     Some(format!("{}: lacks {} points of its sources, which cannot be read", shown(output), grouped(missing)))
 }
 
+/// A name that no attribute of the files has.
+pub fn free_name(sources: &[Arc<Source>], name: &str) -> String {
+    let is_taken = |name: &String| {
+        sources.iter().any(|source| source.info().properties.iter().any(|property| property.name == *name))
+    };
+    let numbered = (2..).map(|number| format!("{name}_{number}"));
+    std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
+}
+
 /// A file, and the number of a scan in it.
 pub type Place = (PathBuf, usize);
 

@@ -11,7 +11,7 @@ use ghost::{Block, Extent, Found, Gauge, Kind, Mirrors, Points, Suspect, Verdict
 use glam::DVec3;
 use scene::shown;
 
-use crate::shared::comparing::free_name;
+use crate::shared::export::free_name;
 use crate::shared::moved_points;
 use crate::system::failure::usage;
 

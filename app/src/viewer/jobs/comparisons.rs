@@ -10,8 +10,8 @@ use measure::DistanceFigures;
 use scene::{CloudSettings, Settings, Strays};
 use world::{CloudKey, half_of};
 
-use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side, free_name};
-use crate::shared::export::{self, lack};
+use crate::shared::comparing::{self, Measured, Method, Points, Scales, Side};
+use crate::shared::export::{self, free_name, lack};
 
 /// What a person has chosen to compare.
 #[derive(Clone, Debug, Default, PartialEq)]

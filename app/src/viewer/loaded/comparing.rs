@@ -126,7 +126,7 @@ impl Loaded {
             Err(error) => return beside.outside.say(Level::Error, error),
         };
         param::few(warnings, "warnings").into_iter().for_each(|warning| beside.outside.warning(warning));
-        let Measured { distances, levels, figures, significant, interval } = measured;
+        let Measured { distances, levels, figures, significant, unread: _, interval } = measured;
         beside.outside.log(json!({
             "event": "compared", "what": what, "points": figures.points, "mean": figures.mean, "p95": figures.p95,
             "significant": significant, "interval": interval,
