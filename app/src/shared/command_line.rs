@@ -568,6 +568,14 @@ pub fn brief(mut error: clap::Error) -> String {
     for (kind, value) in context {
         error.insert(kind, value);
     }
+    let word = |kind| if let Some(ContextValue::String(text)) = error.get(kind) { Some(text) } else { None };
+    let [option, value] = [ContextKind::InvalidArg, ContextKind::InvalidValue].map(word);
+    // Values may begin with a hyphen, as numbers do, so the next option was taken for one.
+    let is_option =
+        |value: &str| value.starts_with("--") || matches!(value.as_bytes(), [b'-', b'a'..=b'z' | b'A'..=b'Z']);
+    if let (Some(option), Some(_)) = (option, value.filter(|value| is_option(value))) {
+        return format!("a value is required for '{option}' but none was supplied; --help lists what there is");
+    }
     let text = error.render().to_string();
     let mut paragraphs = text.split("\n\n").map(|lines| lines.split_whitespace().collect::<Vec<_>>().join(" "));
     let problem = paragraphs.next().unwrap_or_default();

@@ -55,6 +55,16 @@ fn words_that_are_quoted_are_escaped() {
 }
 
 #[test]
+fn an_option_that_stands_where_a_value_is_missing_is_not_taken_for_one() {
+    for words in [["--size", "-o"], ["--budget", "--json"]] {
+        let text = message(&[&["glint", "render", "a.laz"], &words[..], &["a.png"]].concat());
+        assert!(text.starts_with(&format!("a value is required for '{} <", words[0])), "{text}");
+    }
+    let text = message(&["glint", "render", "a.laz", "-o", "a.png", "--size", "-5x3"]);
+    assert!(text.contains("invalid value '-5x3' for '--size"), "{text}");
+}
+
+#[test]
 fn images_are_a_name_and_a_path() {
     assert_eq!(parse_image("depth=a=b.exr".into()), Ok(("depth".into(), "a=b.exr".into())));
     assert!(parse_image("depth".into()).is_err() && parse_image("=a.exr".into()).is_err());
