@@ -161,7 +161,8 @@ impl PathChoice {
 }
 
 /// Checksums of the files that a scene is read from, by their names without folders: of scene files, and of samples of
-/// clouds and meshes. Those of files that cannot be read now are empty. Of catalogues, tiles are not looked at.
+/// clouds and meshes. The tiles of a catalogue have one of their own, as do the names and lengths of those of EPT. Checksums
+/// of files that cannot be read now are empty. Tiles on servers are not looked at.
 ///
 /// # Errors
 /// Ctrl-C.
@@ -177,11 +178,26 @@ pub fn checksums(request: &Request) -> anyhow::Result<BTreeMap<String, String>> 
         Shape::Mesh(mesh) if mesh.is_file() => Some(Path::new(&mesh.name)),
         _ => None,
     });
-    for path in request.inputs.iter().flat_map(Input::files).map(PathBuf::as_path).chain(meshes) {
-        interrupt::check()?;
-        let sum = sums.entry(name(path)).or_insert_with(|| Some(crc32fast::Hasher::new()));
-        if !sum.as_mut().is_some_and(|sum| add_samples(sum, path)) {
+    let mut add = |name: String, add_to: &dyn Fn(&mut crc32fast::Hasher) -> bool| {
+        let sum = sums.entry(name).or_insert_with(|| Some(crc32fast::Hasher::new()));
+        if !sum.as_mut().is_some_and(add_to) {
             *sum = None;
+        }
+        interrupt::check()
+    };
+    for path in request.inputs.iter().flat_map(Input::files).map(PathBuf::as_path).chain(meshes) {
+        add(name(path), &|sum| add_samples(sum, path))?;
+        let of_tiles = name(path) + study::OF_TILES;
+        for tile in codec::tiles_of(path).ok().flatten().unwrap_or_default() {
+            if !codec::is_address(&tile.path) {
+                add(of_tiles.clone(), &|sum| add_samples(sum, &tile.path))?;
+            }
+        }
+        if path.file_name().is_some_and(|name| name == "ept.json") && !codec::is_address(path) {
+            add(of_tiles, &|sum| {
+                add_ept_tiles(sum, path);
+                true
+            })?;
         }
     }
     let text = |sum: Option<crc32fast::Hasher>| sum.map_or_else(String::new, |sum| format!("{:08x}", sum.finalize()));
@@ -200,6 +216,20 @@ fn add_samples(sum: &mut crc32fast::Hasher, path: &Path) -> bool {
         sum.update(&sample[..count]);
     }
     true
+}
+
+/// Adds the names and lengths of the tiles of an EPT, and of the lists of them, from beside its `ept.json`.
+fn add_ept_tiles(sum: &mut crc32fast::Hasher, path: &Path) {
+    for folder in ["ept-data", "ept-hierarchy"] {
+        let entries = std::fs::read_dir(path.with_file_name(folder)).into_iter().flatten().flatten();
+        let mut files: Vec<_> =
+            entries.map(|entry| (entry.file_name(), entry.metadata().map_or(0, |of| of.len()))).collect();
+        files.sort_unstable();
+        for (name, length) in files {
+            sum.update(name.as_encoded_bytes());
+            sum.update(&length.to_le_bytes());
+        }
+    }
 }
 
 /// The settings of a request, which may be changed before it is opened.
@@ -403,6 +433,36 @@ mod tests {
         };
         assert_eq!(checksum(1), checksum(1));
         assert_ne!(checksum(1), checksum(2));
+    }
+
+    #[test]
+    fn tiles_of_catalogues_and_of_ept_belong_to_the_scene() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+        std::fs::create_dir_all(folder.path().join("ept/ept-data")).unwrap();
+        let item = |tile: &str| format!(r#"{{"properties":{{}},"assets":{{"data":{{"href":"{tile}"}}}}}}"#);
+        let items = [item("a.laz"), item("http://127.0.0.1:1/b.laz")].join(",");
+        write("all.vpc", &format!(r#"{{"type":"FeatureCollection","features":[{items}]}}"#));
+        write("a.laz", "as it was");
+        write("ept/ept.json", "{}");
+        write("ept/ept-data/0-0-0-0.laz", "as it was");
+        write("scene.toml", "clouds = [\"all.vpc\", \"ept\"]\n");
+        let sums = || checksums(&world::resolve(&[folder.path().join("scene.toml")])).unwrap();
+        let changed = |before: &BTreeMap<String, String>| -> Vec<String> {
+            let now = sums();
+            assert!(now.keys().eq(before.keys()), "{now:?}");
+            before.keys().filter(|name| now[*name] != before[*name]).cloned().collect()
+        };
+        let before = sums();
+        assert_eq!(
+            before.keys().collect::<Vec<_>>(),
+            ["all.vpc", "all.vpc (tiles)", "ept.json", "ept.json (tiles)", "scene.toml"]
+        );
+        assert!(changed(&before).is_empty());
+        write("a.laz", "another 1");
+        assert_eq!(changed(&before), ["all.vpc (tiles)"]);
+        write("ept/ept-data/0-0-0-0.laz", "another length");
+        assert_eq!(changed(&before), ["all.vpc (tiles)", "ept.json (tiles)"]);
     }
 
     #[test]

@@ -170,6 +170,8 @@ impl Folder {
             let (unread, read): (BTreeMap<_, _>, _) = files.into_iter().partition(|(_, sum)| sum.is_empty());
             let mut all = read;
             all.extend(unread.into_keys().map(|name| (name.clone(), known.remove(&name).unwrap_or_default())));
+            known.retain(|name, _| name.ends_with(OF_TILES) && !all.contains_key(name));
+            all.append(known);
             *known = all;
         }
         self.write(SCENES, (serde_json::to_string_pretty(&kept).unwrap_or_default() + "\n").as_bytes())
@@ -237,13 +239,16 @@ fn kept_scenes(folder: &Path) -> Result<SceneFiles, FolderError> {
     serde_json::from_str(&text).map_err(malformed)
 }
 
+/// The end of the name under which the tiles of a file have their checksum.
+pub const OF_TILES: &str = " (tiles)";
+
 /// The name of the first file that one scene has and another one lacks or has otherwise. Nothing is known of files without
-/// a sum, which could not be read.
+/// a sum, which could not be read, nor of tiles without one: earlier versions did not look at them.
 fn difference(known: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> Option<String> {
-    let is_unknown = |sum: Option<&String>| sum.is_some_and(String::is_empty);
     let is_other = |name: &&String| {
         let [known, now] = [known, now].map(|files| files.get(*name));
-        known != now && !is_unknown(known) && !is_unknown(now)
+        let is_known = |sum: Option<&String>| sum.map_or(!name.ends_with(OF_TILES), |sum| !sum.is_empty());
+        known != now && is_known(known) && is_known(now)
     };
     known.keys().chain(now.keys()).find(is_other).cloned()
 }
@@ -381,6 +386,16 @@ mod tests {
         study.keep_scenes(files("mended")).unwrap();
         // Nothing is known of a file that cannot be read, and what was known of it stays.
         study.keep_scenes(files("")).unwrap();
+        // Nor of tiles that an earlier version did not look at, or whose catalogue cannot be read.
+        let with_tiles = |sum: &str| {
+            let mut all = files("mended");
+            all.values_mut().for_each(|files| drop(files.insert(format!("all.vpc{OF_TILES}"), sum.to_owned())));
+            all
+        };
+        study.keep_scenes(with_tiles("old")).unwrap();
+        study.keep_scenes(files("mended")).unwrap();
+        let error = study.keep_scenes(with_tiles("other")).unwrap_err().to_string();
+        assert!(error.contains("all.vpc (tiles) of the scene"), "{error}");
         let error = study.keep_scenes(files("other")).unwrap_err().to_string();
         assert!(error.contains("a.laz of the scene five-mirrors/sphere has changed") && error.contains("name another"));
         Folder::open(&b, plan("one"), "").unwrap().keep_scenes(files("other")).unwrap();
@@ -388,7 +403,7 @@ mod tests {
         let error = Folder::merge(&[a.clone(), b], &all, "").err().unwrap().to_string();
         assert!(error.contains("a.laz of the scene five-mirrors/sphere was another one in"), "{error}");
         Folder::merge(&[a], &all, "").unwrap();
-        assert_eq!(kept_scenes(&all).unwrap(), files("mended"));
+        assert_eq!(kept_scenes(&all).unwrap(), with_tiles("old"));
     }
 
     #[test]

@@ -51,7 +51,7 @@ pub use file_name::file_name;
 pub use five_mirrors::{FiveMirrors, IndirectTruth, JudgedLight, TracedLight};
 pub use flicker::{Flicker, flicker};
 pub use intervals::Interval;
-pub use journal::{Folder, FolderError, SceneFiles};
+pub use journal::{Folder, FolderError, OF_TILES, SceneFiles};
 pub use light::{LightError, light_error};
 pub use metrics::{
     Accuracy, ImageError, Percentiles, PixelError, SurfaceError, Truth, delta_e, image_error, surface_error,
