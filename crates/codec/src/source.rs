@@ -148,6 +148,9 @@ fn known_other(start: &[u8]) -> Option<&'static str> {
         }
         _ => return None,
     })
+        start if is_web_page(start) => {
+            "this is a web page (HTML), as servers answer with where one has to log in first; what it says shows in a browser"
+        }
 }
 
 impl Source {
@@ -155,6 +158,11 @@ impl Source {
         match self {
             Self::Las(source) => &mut source.info,
             Self::Rows(source) => &mut source.info,
+fn is_web_page(start: &[u8]) -> bool {
+    let text = start.trim_ascii_start().to_ascii_lowercase();
+    [&b"<!doctype html"[..], b"<html"].iter().any(|tag| text.starts_with(tag))
+}
+
             Self::Ept(source) => &mut source.info,
         }
     }
@@ -351,6 +359,10 @@ mod tests {
     fn what_is_no_regular_file_is_refused_before_it_is_opened() {
         for path in ["/dev/null", "/"] {
             let error = open(Path::new(path)).err().map(|error| error.to_string()).unwrap_or_default();
+        for page in ["<!DOCTYPE html><html>", "\n <html lang=\"en\">"] {
+            assert!(known_other(page.as_bytes()).is_some_and(|told| told.contains("a web page")), "{page}");
+        }
+        assert_eq!(known_other(b"<points>"), None);
             assert!(error.contains("not a regular file"), "{error}");
         }
     }

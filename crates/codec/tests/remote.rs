@@ -231,7 +231,7 @@ type Answer = fn(&Request, &mut TcpStream) -> std::io::Result<()>;
 
 #[test]
 fn hostile_servers_end_with_a_clear_error() {
-    let hostile: [(&str, Answer, u64); 12] = [
+    let hostile: [(&str, Answer, u64); 14] = [
         (
             "sends on more than 5 times",
             |request, stream| {
@@ -356,6 +356,18 @@ fn a_tile_of_an_ept_that_is_not_there_is_missed_and_the_others_are_read() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["ept.json", "ept-hierarchy/0-0-0-0.json", "ept-data/0-0-0-0.laz", "ept-data/1-0-0-0.laz"] {
         let own = folder.path().join(name);
+        (
+            "sends 1010 bytes as the part `bytes 0-9/10`",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 206 Part\r\ncontent-range: bytes 0-9/10\r\ncontent-length: 1010\r\n\r\n")
+            },
+            1,
+        ),
+        (
+            "this is a web page (HTML)",
+            |_, stream| write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: 28\r\n\r\n<!DOCTYPE html><html></html>"),
+            3,
+        ),
         fs::create_dir_all(own.parent().unwrap()).unwrap();
         fs::write(own, fs::read(root.join(name)).unwrap()).unwrap();
     }

@@ -242,11 +242,12 @@ fn checked(answer: Response<Body>, wanted: Option<Range<u64>>, known: Option<&St
                 || Failure::Final(format!("a wrong part: `{}` for bytes {wanted:?}", crate::brief::brief(&told)));
             let (range, total) = content_range(&told).ok_or_else(wrong)?;
             let end = wanted.end.min(total);
-            if range.start != wanted.start
-                || range.end != end
-                || length.is_some_and(|length| length != end - range.start)
-            {
+            if range.start != wanted.start || range.end != end {
                 return Err(wrong());
+            }
+            if let Some(length) = length.filter(|length| *length != end - range.start) {
+                let told = crate::brief::brief(&told);
+                return Err(Failure::Final(format!("the server sends {length} bytes as the part `{told}`")));
             }
             (range, total)
         }
