@@ -3,6 +3,7 @@
 
 use std::fs::File;
 use std::io::{self, IsTerminal as _, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -10,6 +11,9 @@ use crate::address::is_address;
 use crate::disk::{Disk, State};
 use crate::remote::{Remote, Stamp};
 use crate::{Error, Result};
+
+/// The longest file of a server, in bytes, that is fetched once more as a whole where its head or its lists are damaged.
+const MOST_AGAIN: u64 = 64 << 20;
 
 /// The bytes of an open file. It stays open, so they are those of the file that was opened, whatever has its name later.
 /// Where another program has written to that file since, nothing more is read of it.
@@ -82,6 +86,39 @@ impl Bytes {
     fn open_remote(path: &Path, is_small: bool, before: Option<&Stamp>) -> Result<Self> {
         let remote = Remote::open(path, is_small, before).map_err(|error| Error::io(path, error))?;
         Ok(Self { path: path.to_owned(), length: remote.length(), place: Place::Remote(Box::new(remote)) })
+    }
+
+    /// Opens a file by `open` and makes something of it by `make`. Where that shows that bytes from a server are damaged, they
+    /// are fetched once more.
+    pub(crate) fn open_twice<T>(
+        path: &Path,
+        open: impl Fn(&Path) -> Result<Self>,
+        make: impl Fn(Self) -> Result<T>,
+    ) -> Result<T> {
+        let first = open(path)?;
+        let is_again = first.is_short_remote();
+        match make(first) {
+            Err(Error::Malformed { .. } | Error::UnknownFormat { .. }) if is_again => {
+                let again = open(path)?;
+                again.fetch_again(0..again.length);
+                make(again).map_err(Error::same_again)
+            }
+            made => made,
+        }
+    }
+
+    /// Whether it is a file of a server that is short enough to be fetched twice.
+    pub(crate) fn is_short_remote(&self) -> bool {
+        self.is_remote() && self.length <= MOST_AGAIN
+    }
+
+    /// Drops what was fetched of a file of which a part has turned out to be damaged, from the cache, too. Returns whether the
+    /// part is fetched once more when it is read again: each is at most once, and only where the server has not failed.
+    pub(crate) fn fetch_again(&self, part: Range<u64>) -> bool {
+        match &self.place {
+            Place::Disk(..) | Place::Memory(_) => false,
+            Place::Remote(remote) => remote.fetch_again(part.start..part.end.min(self.length)),
+        }
     }
 
     /// All bytes, which are at most `most`.

@@ -11,7 +11,7 @@ mod tiles;
 mod zstandard;
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use cloud::{Bounds, Chunk, Progress};
@@ -86,7 +86,7 @@ struct System {
 }
 
 /// Whether a file is the description of an EPT, by its start.
-pub fn is_ept(start: &[u8], path: &std::path::Path) -> bool {
+pub fn is_ept(start: &[u8], path: &Path) -> bool {
     let text = start.trim_ascii_start();
     text.starts_with(b"{") && last_part(path) == "ept.json"
 }
@@ -222,14 +222,23 @@ impl EptSource {
     /// Opens the file with the points of a node. Returns the length of the file, too.
     fn open_tile(&self, node: &CopcNode) -> Result<(Tile, u64)> {
         let path = self.tile_path(node);
+        Bytes::open_twice(&path, |path| self.open_bytes(node, path), |file| self.tile_of(file, node))
+    }
+
+    /// Opens the file of a node, which is the one that it was.
+    fn open_bytes(&self, node: &CopcNode, path: &Path) -> Result<Bytes> {
         let key = (node.level, node.cell);
         let opened = || self.opened.lock().unwrap_or_else(PoisonError::into_inner);
         let before = opened().get(&key).cloned();
-        let file = Bytes::open_small_again(&path, before.as_ref())?;
+        let file = Bytes::open_small_again(path, before.as_ref())?;
         if let (None, Some(stamp)) = (before, file.stamp()) {
             opened().insert(key, stamp.clone());
         }
-        let length = file.length();
+        Ok(file)
+    }
+
+    fn tile_of(&self, file: Bytes, node: &CopcNode) -> Result<(Tile, u64)> {
+        let (path, length) = (file.path().to_owned(), file.length());
         let memory = self.memory / rayon::current_num_threads().max(1) as u64;
         let mut tile = match &self.rows {
             None => Tile::open_las(file, memory, self.model.as_ref())?,
@@ -454,7 +463,7 @@ fn corners(bounds: [f64; 6]) -> (DVec3, DVec3) {
 /// # Errors
 /// If the page cannot be used.
 fn first_page(
-    path: &std::path::Path,
+    path: &Path,
     entries: &Entries,
     points: u64,
     most_whole: usize,
@@ -471,7 +480,7 @@ fn first_page(
     page_nodes(path, (0, [0; 3]), entries, most).map(Some)
 }
 
-fn page_nodes(path: &std::path::Path, top: Key, entries: &Entries, most: usize) -> Result<PageNodes> {
+fn page_nodes(path: &Path, top: Key, entries: &Entries, most: usize) -> Result<PageNodes> {
     let nodes = entries.iter().filter_map(|(key, points)| {
         let points = points.filter(|points| *points > 0)?;
         Some(CopcNode::of_tile(*key, points, 0))

@@ -27,6 +27,9 @@ pub enum Error {
     Unsuitable { path: PathBuf, problem: String },
 }
 
+/// What is added to the problem with bytes that were fetched once more.
+pub(crate) const AS_BEFORE: &str = " (fetched from the server twice, and the same)";
+
 impl Error {
     pub fn io(path: &Path, reason: std::io::Error) -> Self {
         Self::Io { path: path.to_owned(), reason }
@@ -49,6 +52,16 @@ impl Error {
         | Self::Unsuitable { path, .. }) = &mut self;
         if from.contains(&path.as_path()) {
             *path = to.to_owned();
+        }
+        self
+    }
+
+    /// The same failure of bytes that a server was asked for twice.
+    pub(crate) fn same_again(mut self) -> Self {
+        if let Self::Malformed { problem, .. } = &mut self {
+            let text = problem.trim_end_matches(AS_BEFORE).len();
+            problem.truncate(text);
+            problem.push_str(AS_BEFORE);
         }
         self
     }

@@ -5,6 +5,7 @@
 //! LAZ. Positioned reads fetch the blocks, and all cores decode them straight to columns, in an order that spreads over
 //! the file, so that the first chunks show its whole extent.
 
+mod again;
 mod byte_colors;
 mod color_sample;
 pub mod column_records;
@@ -36,7 +37,9 @@ use laz::DecompressionSelection;
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
 use crate::bytes::Bytes;
+use crate::error::AS_BEFORE;
 use crate::{Error, Format, Info, Result, Selection, Summary};
+use again::place_of;
 use columns::{ChunkBuilder, ColorDepth, ReadPlan, TILE_RECORDS};
 use compressed::{Compressed, CompressedChunk};
 pub use copc::{Copc, CopcNode, DEEPEST, Key};
@@ -141,10 +144,23 @@ impl LasSource {
 
     /// `is_whole` says that all points will be read, so that the compressed chunks are found rather than the nodes.
     fn open_shared(file: Arc<Bytes>, memory: u64, model: Option<&Self>, is_whole: bool) -> Result<Self> {
+        let (source, is_doubtful) = Self::open_once(file.clone(), memory, model, is_whole)?;
+        if !(is_doubtful && file.fetch_again(0..file.length())) {
+            return Ok(source);
+        }
+        let (mut source, is_as_before) = Self::open_once(file, memory, model, is_whole)?;
+        source.info.warnings.last_mut().filter(|_| is_as_before).into_iter().for_each(|told| told.push_str(AS_BEFORE));
+        Ok(source)
+    }
+
+    /// Opens a file, and says whether the lists of its points look as if they were damaged on their way from a server.
+    fn open_once(file: Arc<Bytes>, memory: u64, model: Option<&Self>, is_whole: bool) -> Result<(Self, bool)> {
         let mut warnings = Vec::new();
         let header = Header::read(&file, &mut warnings)?;
         let layout = Layout::new(header.point_format, header.record_length, &header.descriptors, &mut warnings);
+        let of_header = warnings.len();
         let (compressed, copc) = open_compressed(&file, &header, memory, is_whole, &mut warnings)?;
+        let is_doubtful = warnings.len() > of_header && (header.copc_info.is_some() || file.is_short_remote());
         let (points, blocks) = match &compressed {
             Some(_) if copc.as_ref().is_some_and(|copc| !copc.further.is_empty()) => (header.points, Vec::new()),
             Some(compressed) => {
@@ -211,7 +227,7 @@ impl LasSource {
                 source.info.warnings.extend(range.warning);
             }
         }
-        Ok(source)
+        Ok((source, is_doubtful))
     }
 
     pub fn info(&self) -> &Info {
@@ -233,13 +249,16 @@ impl LasSource {
 
     /// One page of the list of nodes.
     pub fn read_copc_page(&self, page: &CopcPage) -> Result<PageNodes> {
-        let fetched = self.file.fetch(page.place.start, page.place.end.saturating_sub(page.place.start));
-        fetched.map_err(|error| Error::io(self.file.path(), error))?;
-        let read = self.copc.as_ref().ok_or_else(|| "no list of nodes".to_owned());
-        read.and_then(|copc| copc.read_page(&self.file, page)).map_err(|problem| {
-            let (level, [x, y, z]) = (page.level, page.cell);
-            Error::malformed(self.file.path(), format!("page {level}-{x}-{y}-{z} of the list of nodes"), problem)
-        })
+        let read = || {
+            let fetched = self.file.fetch(page.place.start, page.place.end.saturating_sub(page.place.start));
+            fetched.map_err(|error| Error::io(self.file.path(), error))?;
+            let read = self.copc.as_ref().ok_or_else(|| "no list of nodes".to_owned());
+            read.and_then(|copc| copc.read_page(&self.file, page)).map_err(|problem| {
+                let (level, [x, y, z]) = (page.level, page.cell);
+                Error::malformed(self.file.path(), format!("page {level}-{x}-{y}-{z} of the list of nodes"), problem)
+            })
+        };
+        self.twice(page.place.clone(), read)
     }
 
     /// The file with all its compressed chunks, which a file whose list of nodes is read page by page has not before this.
@@ -279,16 +298,18 @@ impl LasSource {
         let Some((compressed, chunk)) = self.compressed.as_ref().zip(node.chunk()) else {
             return Ok(ChunkBuilder::new(&plan, 0, 0).finish().0);
         };
-        let read = self.read_chunks(compressed, &[chunk], &plan, layers)?;
-        // The bytes are there by now.
-        match compressed.told_points(&self.file, &chunk) {
-            Some(points) if points != chunk.points => {
-                let place = format!("byte {}", chunk.offset);
-                let problem = format!("{points} points, the list of nodes says {}", chunk.points);
-                Err(Error::malformed(self.file.path(), place, problem))
+        self.twice(place_of(&[chunk]), || {
+            let read = self.read_chunks(compressed, &[chunk], &plan, layers)?;
+            // The bytes are there by now.
+            match compressed.told_points(&self.file, &chunk) {
+                Some(points) if points != chunk.points => {
+                    let place = format!("byte {}", chunk.offset);
+                    let problem = format!("{points} points, the list of nodes says {}", chunk.points);
+                    Err(Error::malformed(self.file.path(), place, problem))
+                }
+                _ => Ok(read),
             }
-            _ => Ok(read),
-        }
+        })
     }
 
     /// Brings a compressed chunk that is about to be read.
@@ -305,7 +326,7 @@ impl LasSource {
             return Err(Error::unsuitable(self.file.path(), "its points are not compressed"));
         };
         let (plan, layers) = self.plan(selection);
-        self.read_chunks(compressed, &compressed.chunks, &plan, layers)
+        self.twice(place_of(&compressed.chunks), || self.read_chunks(compressed, &compressed.chunks, &plan, layers))
     }
 
     /// The points of some compressed chunks, which follow one another, in one chunk.
@@ -415,58 +436,6 @@ impl LasSource {
         if read < wanted {
             tally.fail(block.first_point + records as u64, "the file has become shorter since it was opened".into());
         }
-    }
-
-    fn read_compressed(
-        &self,
-        compressed: &Compressed,
-        block: &Block,
-        plan: &ReadPlan<'_>,
-        layers: DecompressionSelection,
-        buffer: &mut Vec<u8>,
-        tally: &Tally<'_>,
-    ) {
-        let length = self.layout.record_length;
-        let tile = tile_records(length);
-        buffer.resize(tile * length, 0);
-        let capacity = |left: u64| left.min(block.piece as u64) as usize;
-        let mut builder = ChunkBuilder::new(plan, block.first_point, capacity(block.points));
-        for chunk in &compressed.chunks[block.chunks.clone()] {
-            let mut point = chunk.first_point;
-            if point != builder.next_point() {
-                // The chunk before came out short: the points that follow start a chunk of their own, so that indices
-                // stay right.
-                tally.deliver(std::mem::replace(&mut builder, ChunkBuilder::new(plan, point, capacity(chunk.points))));
-            }
-            let mut stream = match compressed.stream(&self.file, chunk, layers) {
-                Ok(stream) => stream,
-                Err(reason) => {
-                    tally.fail(point, reason);
-                    continue;
-                }
-            };
-            while stream.left() > 0 {
-                let wanted = capacity(stream.left()).min(block.piece - builder.len()).min(tile);
-                let (decoded, outcome) = stream.decode(&mut buffer[..wanted * length]);
-                builder.push(&buffer[..decoded * length]);
-                point += decoded as u64;
-                if let Err(reason) = outcome {
-                    tally.fail(point, format!("{reason} (the rest of this compressed chunk is skipped)"));
-                    break;
-                }
-                if builder.len() == block.piece {
-                    let next = ChunkBuilder::new(plan, point, capacity(stream.left()));
-                    tally.deliver(std::mem::replace(&mut builder, next));
-                    if tally.progress.is_cancelled() {
-                        return;
-                    }
-                }
-            }
-            if stream.left() == 0 && point < chunk.first_point + chunk.points {
-                tally.fail(point, "the compressed chunk holds fewer points than announced".into());
-            }
-        }
-        tally.deliver(builder);
     }
 
     pub fn record(&self, point: u64) -> Result<Vec<(String, String)>> {

@@ -52,6 +52,11 @@ struct State {
     pending: BTreeSet<u64>,
     /// The checksums of blocks that an earlier run has fetched.
     unchecked: HashMap<u64, u32>,
+    /// Whether bytes have turned out to be damaged, and the blocks that have.
+    is_doubted: bool,
+    dropped: BTreeSet<u64>,
+    /// Whether bytes could not be fetched.
+    has_failed: bool,
 }
 
 /// Blocks that follow one another: the last one, and the first.
@@ -60,6 +65,15 @@ type Run = (u64, u64);
 impl State {
     fn has(&self, block: u64) -> bool {
         self.present.range((block, 0)..).next().is_some_and(|(_, first)| *first <= block)
+    }
+
+    fn take(&mut self, block: u64) {
+        let run = self.present.range((block, 0)..).next().copied().filter(|(_, first)| *first <= block);
+        if let Some((last, first)) = run {
+            self.present.remove(&(last, first));
+            self.present.extend((first < block).then(|| (block - 1, first)));
+            self.present.extend((block < last).then_some((last, block + 1)));
+        }
     }
 
     fn put(&mut self, block: u64) {
@@ -162,6 +176,34 @@ impl Remote {
         fetched
     }
 
+    /// Says that these bytes have turned out to be damaged. Nothing of the file that was fetched so far, or will be from now
+    /// on, stays in the cache: damage elsewhere may not show. The first time, all that was fetched is fetched once more, later
+    /// only bytes of which none were said to be damaged before. Returns whether reading them again brings other bytes; false
+    /// where the server has failed.
+    pub fn fetch_again(&self, bytes: Range<u64>) -> bool {
+        let mut state = self.lock();
+        if state.has_failed {
+            return false;
+        }
+        let is_first = !std::mem::replace(&mut state.is_doubted, true);
+        self.kept.iter().for_each(Kept::forget);
+        if is_first {
+            state.present.clear();
+            state.unchecked.clear();
+        }
+        if bytes.start == 0 && bytes.end >= self.length() {
+            return is_first;
+        }
+        let mut is_any = false;
+        for block in bytes.start / BLOCK..bytes.end.div_ceil(BLOCK) {
+            if state.dropped.insert(block) {
+                state.take(block);
+                is_any = true;
+            }
+        }
+        is_any
+    }
+
     fn check_length(&self) -> io::Result<()> {
         let (length, limit) = (self.length(), network().limit);
         if length > limit {
@@ -208,6 +250,7 @@ impl Remote {
             let done = at_once(&pieces, PIECES_AT_ONCE, |piece| self.fetch_piece(piece.clone()));
             let mut state = self.lock();
             state.pending.retain(|block| !pieces.iter().any(|piece| piece.contains(block)));
+            state.has_failed |= done.iter().any(io::Result::is_err);
             drop(state);
             self.changed.notify_all();
             done.into_iter().collect::<io::Result<()>>()?;
@@ -305,10 +348,10 @@ impl Filler<'_> {
             bytes = later;
             if self.bytes.len() == length {
                 self.remote.disk.write_all_at(self.block * BLOCK, &self.bytes)?;
-                if let Some(kept) = &self.remote.kept {
+                let mut state = self.remote.lock();
+                if let Some(kept) = self.remote.kept.as_ref().filter(|_| !state.is_doubted) {
                     kept.note(self.block, crc32fast::hash(&self.bytes));
                 }
-                let mut state = self.remote.lock();
                 state.unchecked.remove(&self.block);
                 state.put(self.block);
                 drop(state);
@@ -332,5 +375,8 @@ mod tests {
         }
         let has: Vec<u64> = (0..12).filter(|block| state.has(*block)).collect();
         assert_eq!((has, state.present.len()), (vec![0, 3, 4, 5, 9], 3));
+        [4, 9, 7].into_iter().for_each(|block| state.take(block));
+        let has: Vec<u64> = (0..12).filter(|block| state.has(*block)).collect();
+        assert_eq!((has, state.present.len()), (vec![0, 3, 5], 3));
     }
 }

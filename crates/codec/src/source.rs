@@ -46,10 +46,14 @@ pub fn open_within(path: &Path, memory: u64) -> Result<Source> {
 /// # Errors
 /// Those of `open_within`.
 pub fn open_scans(path: &Path, memory: u64) -> Result<Vec<Source>> {
-    let bytes = Bytes::open(path)?;
-    let mut start = [0; 64];
-    let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
-    if catalogue::is_catalogue(&start[..count], path) { open_tiles(&bytes, memory) } else { open_file(bytes, memory) }
+    Bytes::open_twice(path, Bytes::open, |bytes| {
+        let mut start = [0; 64];
+        let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
+        match catalogue::is_catalogue(&start[..count], path) {
+            true => open_tiles(&bytes, memory),
+            false => open_file(bytes, memory),
+        }
+    })
 }
 
 /// The number of tiles of a catalogue that are opened at once.
@@ -62,7 +66,7 @@ fn open_tiles(catalogue: &Bytes, memory: u64) -> Result<Vec<Source>> {
         if catalogue::is_catalogue(b"{", &entry.path) {
             return Err(Error::unsuitable(&entry.path, "a catalogue among the tiles of one"));
         }
-        open_file(Bytes::open(&entry.path)?, memory)
+        Bytes::open_twice(&entry.path, Bytes::open, |bytes| open_file(bytes, memory))
     });
     let (mut sources, mut problems, mut first_error) = (Vec::new(), Vec::new(), None);
     for (entry, opened) in entries.iter().zip(opened) {

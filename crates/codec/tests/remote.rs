@@ -8,11 +8,13 @@ mod real_data;
 #[path = "../../../tests/src/server.rs"]
 mod server;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write as _;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, OnceLock};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use cloud::{Chunk, Progress};
 use codec::{Selection, Source};
@@ -50,13 +52,23 @@ fn message(path: &Path) -> String {
     open(path).err().unwrap_or_default()
 }
 
+/// A point: the number of the first one of its chunk, its place and its colour.
+type Point = (u64, [u64; 3], [u8; 4]);
+
 /// All places and colours in the order of the file.
-fn points(source: &Source) -> Vec<(u64, [u64; 3], [u8; 4])> {
+fn points(source: &Source) -> Vec<Point> {
+    let (points, warnings) = read(source);
+    assert!(warnings.is_empty(), "{warnings:?}");
+    points
+}
+
+/// All points that can be read, and what is said of the others.
+fn read(source: &Source) -> (Vec<Point>, Vec<String>) {
     let selection = Selection { positions: true, colors: true, ..Selection::default() };
     let chunks = Mutex::new(Vec::new());
     let emit = |chunk: Chunk| chunks.lock().unwrap().push(chunk);
-    let summary = source.read(&selection, &Progress::default(), &emit).unwrap();
-    assert!(summary.warnings.is_empty(), "{:?}", summary.warnings);
+    let summary = source.read(&selection, &Progress::default(), &emit);
+    let warnings = summary.map_or_else(|error| vec![error.to_string()], |summary| summary.warnings);
     let mut chunks = chunks.into_inner().unwrap();
     chunks.sort_by_key(|chunk| chunk.first_point);
     let of_chunk = |chunk: &Chunk| {
@@ -64,7 +76,7 @@ fn points(source: &Source) -> Vec<(u64, [u64; 3], [u8; 4])> {
         let place = |index: usize| chunk.position(index).to_array().map(f64::to_bits);
         (0..chunk.len()).map(|index| (chunk.first_point, place(index), color(index))).collect::<Vec<_>>()
     };
-    chunks.iter().flat_map(of_chunk).collect()
+    (chunks.iter().flat_map(of_chunk).collect(), warnings)
 }
 
 fn data() -> Option<PathBuf> {
@@ -160,6 +172,79 @@ fn what_the_cache_has_is_used_only_if_it_is_as_it_was() {
     }
     assert!(damaged > 0);
     assert!(points(&open(&path).unwrap()) == expected);
+}
+
+/// Sends files whose blocks of 16 KiB are damaged where `is_damaged` says so of the path and the number of a block; the first
+/// five, which have the heads, never are.
+fn damaging(root: PathBuf, is_damaged: impl Fn(&str, usize) -> bool + Send + Sync + 'static) -> Server {
+    Server::new(move |request, stream| {
+        let Ok(file) = fs::read(root.join(request.path.trim_start_matches('/'))) else {
+            return write!(stream, "HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\n\r\n");
+        };
+        let last = file.len() - 1;
+        let (first, last) = request.range().map_or((0, last), |(first, end)| (first as usize, last.min(end as usize)));
+        let mut bytes = file[first..=last].to_vec();
+        for (at, block) in bytes.chunks_mut(1 << 14).enumerate() {
+            let number = (first >> 14) + at;
+            if number > 4 && is_damaged(&request.path, number) {
+                block.iter_mut().for_each(|byte| *byte ^= 0x5a);
+            }
+        }
+        let (total, count) = (file.len(), bytes.len());
+        let head = match request.range() {
+            Some(_) => format!("206 Part\r\ncontent-range: bytes {first}-{last}/{total}"),
+            None => "200 OK".to_owned(),
+        };
+        write!(stream, "HTTP/1.1 {head}\r\netag: \"{total}\"\r\ncontent-length: {count}\r\n\r\n")?;
+        stream.write_all(&bytes)
+    })
+}
+
+#[test]
+fn bytes_that_came_damaged_do_not_stay_in_the_cache() {
+    let Some(data) = data() else { return };
+    for name in [FILES[0], "copc/lone_star_las14_pf6.copc.laz", FILES[2], FILES[3], FILES[4]] {
+        let expected = points(&codec::open(&data.join(name)).unwrap());
+        let is_bad = Arc::new(AtomicBool::new(true));
+        let now = is_bad.clone();
+        let path = damaging(data.clone(), move |_, _| now.load(Ordering::Relaxed)).path(name);
+        let told = open(&path).map_or_else(
+            |error| error,
+            |source| {
+                let (first, warnings) = read(&source);
+                assert!(first != expected, "{name}: nothing was damaged");
+                [warnings, source.info().warnings.clone()].concat().join("\n")
+            },
+        );
+        assert!(told.contains("twice, and the same") || name == FILES[4], "{name}: {told}");
+        is_bad.store(false, Ordering::Relaxed);
+        let (again, warnings) = read(&open(&path).unwrap());
+        assert!(again == expected, "{name}: {} of {} points, {warnings:?}", again.len(), expected.len());
+    }
+}
+
+#[test]
+fn a_node_or_tile_that_came_damaged_is_fetched_once_more() {
+    let Some(data) = data() else { return };
+    for name in ["copc/lone_star_las14_pf6.copc.laz", FILES[2]] {
+        let sent: Mutex<BTreeSet<(String, usize)>> = Mutex::default();
+        let is_bad = Arc::new(AtomicBool::new(false));
+        let now = is_bad.clone();
+        let is_first = move |path: &str, block: usize| {
+            now.load(Ordering::Relaxed) && sent.lock().unwrap().insert((path.to_owned(), block))
+        };
+        let server = damaging(data.clone(), is_first);
+        let source = open(&server.path(name)).unwrap();
+        is_bad.store(true, Ordering::Relaxed);
+        let before = server.requests();
+        let local = codec::open(&data.join(name)).unwrap();
+        let selection = Selection { positions: true, ..Selection::default() };
+        for node in source.copc().unwrap().nodes.iter().filter(|node| node.points > 0).rev().take(3) {
+            let [own, expected] = [&source, &local].map(|source| source.read_copc_node(node, &selection).unwrap());
+            assert!(own.positions == expected.positions, "{name}");
+        }
+        assert!(server.requests() > before + 3, "{name}: nothing was fetched twice");
+    }
 }
 
 #[test]
@@ -272,6 +357,18 @@ fn hostile_servers_end_with_a_clear_error() {
             1,
         ),
         (
+            "sends 1010 bytes as the part `bytes 0-9/10`",
+            |_, stream| {
+                write!(stream, "HTTP/1.1 206 Part\r\ncontent-range: bytes 0-9/10\r\ncontent-length: 1010\r\n\r\n")
+            },
+            1,
+        ),
+        (
+            "this is a web page (HTML)",
+            |_, stream| write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: 28\r\n\r\n<!DOCTYPE html><html></html>"),
+            3,
+        ),
+        (
             "more than it said",
             |_, stream| {
                 write!(
@@ -356,18 +453,6 @@ fn a_tile_of_an_ept_that_is_not_there_is_missed_and_the_others_are_read() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["ept.json", "ept-hierarchy/0-0-0-0.json", "ept-data/0-0-0-0.laz", "ept-data/1-0-0-0.laz"] {
         let own = folder.path().join(name);
-        (
-            "sends 1010 bytes as the part `bytes 0-9/10`",
-            |_, stream| {
-                write!(stream, "HTTP/1.1 206 Part\r\ncontent-range: bytes 0-9/10\r\ncontent-length: 1010\r\n\r\n")
-            },
-            1,
-        ),
-        (
-            "this is a web page (HTML)",
-            |_, stream| write!(stream, "HTTP/1.1 200 OK\r\ncontent-length: 28\r\n\r\n<!DOCTYPE html><html></html>"),
-            3,
-        ),
         fs::create_dir_all(own.parent().unwrap()).unwrap();
         fs::write(own, fs::read(root.join(name)).unwrap()).unwrap();
     }

@@ -116,8 +116,12 @@ pub type Entries = Vec<(Key, Option<u32>)>;
 /// Reads the page of the node `top`.
 pub fn page(path: &Path, top: Key) -> Result<Entries> {
     let path = beside(path, &format!("ept-hierarchy/{}.json", name(top)));
-    let text = Bytes::open_small(&path)?.all(MOST_PAGE)?;
-    let fail = |problem: String| Error::malformed(&path, format!("page {}", name(top)), problem);
+    Bytes::open_twice(&path, Bytes::open_small, |file| entries(&file, top))
+}
+
+fn entries(file: &Bytes, top: Key) -> Result<Entries> {
+    let text = file.all(MOST_PAGE)?;
+    let fail = |problem: String| Error::malformed(file.path(), format!("page {}", name(top)), problem);
     let entries: HashMap<String, i64> =
         serde_json::from_slice(&text).map_err(|error| fail(format!("not a page: {}", brief::message(&error))))?;
     let mut page = Vec::with_capacity(entries.len());

@@ -148,7 +148,7 @@ impl LasSource {
             let mut stream = match compressed.stream(&self.file, chunk, DecompressionSelection::all()) {
                 Ok(stream) => stream,
                 Err(problem) => {
-                    failures.add(chunk.first_point, problem);
+                    failures.add(chunk.first_point, problem + self.drop_damaged(chunk));
                     continue;
                 }
             };
@@ -159,7 +159,8 @@ impl LasSource {
                 give(point, &buffer[..decoded * length]);
                 point += decoded as u64;
                 if let Err(problem) = outcome {
-                    failures.add(point, format!("{problem} (the rest of this compressed chunk is skipped)"));
+                    let more = self.drop_damaged(chunk);
+                    failures.add(point, format!("{problem} (the rest of this compressed chunk is skipped){more}"));
                     break;
                 }
             }

@@ -93,6 +93,13 @@ impl Kept {
         Ok((data, Self { folder: folder.to_owned(), list: Mutex::new(list) }, blocks))
     }
 
+    /// Empties the list of blocks.
+    pub fn forget(&self) {
+        let list = self.list.lock().unwrap_or_else(PoisonError::into_inner);
+        // What cannot be forgotten is found damaged again.
+        let _ = list.set_len(0);
+    }
+
     /// Notes a block that was written.
     pub fn note(&self, block: u64, checksum: u32) {
         let Ok(number) = u32::try_from(block) else { return };
