@@ -17,6 +17,7 @@ use crate::event::Event;
 use crate::indexing::StreamedInput;
 use crate::loader::Loader;
 use crate::mailbox::Mailbox;
+use crate::reading::Loading;
 use crate::source::parts;
 use crate::tiles::Tiles;
 use crate::words::Input;
@@ -100,11 +101,24 @@ impl Loader {
         let _ = self.sender.send(Event::Finished);
     }
 
+    /// Sets the total of the progress to that of the files that are not read yet, besides the points that are there.
+    fn expect(&self, opened: &[Loading]) {
+        let left = opened.iter().filter(|loading| !loading.is_read).map(|loading| loading.source.info().points);
+        self.progress.set_total(self.progress.done() + left.sum::<u64>());
+    }
+
     fn load_all(&self, inputs: &[Input]) -> Option<()> {
         let (mut opened, mut streamed, mut tiles) = (Vec::new(), Vec::new(), Vec::new());
         // The number of clouds so far, and the memory in bytes of those that are to be held in memory.
         let (mut clouds, mut held) = (0, 0);
-        for input in inputs {
+        // A server may be silent for a long time: what is on this machine is shown before.
+        let (near, far): (Vec<&Input>, Vec<&Input>) = inputs.iter().partition(|input| !input.is_far());
+        let reads_first = !far.is_empty();
+        for (place, input) in near.iter().chain(&far).enumerate() {
+            if reads_first && place == near.len() {
+                self.expect(&opened);
+                opened.iter_mut().try_for_each(|loading| self.read(loading))?;
+            }
             match input {
                 Input::File(_) | Input::Tiles { .. }
                     if let Some(found) = Tiles::of(input, clouds, &self.settings, self.also()) =>
@@ -136,8 +150,7 @@ impl Loader {
                 }
             }
         }
-        let expected = opened.iter().map(|loading| loading.source.info().points);
-        self.progress.set_total(self.progress.done() + expected.sum::<u64>());
+        self.expect(&opened);
         if streamed.is_empty() && tiles.is_empty() {
             return self.read_all(opened);
         }

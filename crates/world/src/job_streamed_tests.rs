@@ -380,7 +380,8 @@ fn a_file_that_fails_on_the_way_comes_to_its_end() {
     };
     let chunks = vec![Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; 4])];
     let source = open_file(&path, 1 << 30).unwrap().remove(0);
-    let loading = Loading { cloud: 7, source, up: DVec3::Z, chunks, place: None, has_kept_surfels: false };
+    let loading =
+        Loading { cloud: 7, source, up: DVec3::Z, chunks, place: None, has_kept_surfels: false, is_read: true };
     loader.end(&loading, Err(codec::Error::unsuitable(&path, "the disk is broken"))).unwrap();
     drop(loader);
     // With streamed clouds the job goes on: the window can only go by the event that this one cloud is complete.

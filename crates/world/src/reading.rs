@@ -33,6 +33,8 @@ pub(crate) struct Loading {
     pub(crate) place: Option<SurfelPlace>,
     /// Whether all chunks were sent with the normals and radii that the cache had.
     pub(crate) has_kept_surfels: bool,
+    /// Whether its points were read.
+    pub(crate) is_read: bool,
 }
 
 /// Whether a file is a mesh that shows points on its faces, besides its vertices.
@@ -63,7 +65,7 @@ impl Loading {
 
 impl Loader {
     pub(crate) fn read_all(&self, mut opened: Vec<Loading>) -> Option<()> {
-        for loading in &mut opened {
+        for loading in opened.iter_mut().filter(|loading| !loading.is_read) {
             self.read(loading)?;
         }
         let mut planned = Vec::new();
@@ -157,7 +159,7 @@ impl Loader {
             warnings: info.warnings.clone(),
         };
         self.send(Event::Opened { cloud, opened })?;
-        Some(Loading { cloud, source, up, chunks: Vec::new(), place: None, has_kept_surfels: false })
+        Some(Loading { cloud, source, up, chunks: Vec::new(), place: None, has_kept_surfels: false, is_read: false })
     }
 
     /// Sends a whole built-in scene: its walls as a cloud and its mirrors, complete with normals and radii, which are
@@ -205,7 +207,9 @@ impl Loader {
         Some(())
     }
 
-    fn read(&self, loading: &mut Loading) -> Option<()> {
+    /// Reads a file and sends its points.
+    pub(crate) fn read(&self, loading: &mut Loading) -> Option<()> {
+        loading.is_read = true;
         let (source, cloud) = (&loading.source, loading.cloud);
         let place = self.place_of(loading);
         let found = place.as_ref().map_or(Ok(None), SurfelPlace::open);

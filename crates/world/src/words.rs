@@ -57,6 +57,11 @@ impl Input {
         }
     }
 
+    /// Whether it is an address.
+    pub(crate) fn is_far(&self) -> bool {
+        matches!(self, Self::File(path) if codec::is_address(path))
+    }
+
     /// Whether its files are one cloud, unless some lie apart: a folder or a catalogue.
     fn has_tiles(&self) -> bool {
         match self {

@@ -7,6 +7,7 @@ use param::{Group, Params};
 use scene::{Language, Object};
 
 use crate::shared::language::{english, text, translated};
+use crate::system::fetching;
 use crate::viewer::look::tab::Tab;
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::choice;
@@ -161,6 +162,19 @@ fn found(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
 }
 
+/// What stands in place of the list of clouds: what is fetched or read, if anything is.
+fn nothing_yet(session: &Session) -> String {
+    let Some(job) = session.loaded.jobs.iter().find(|job| !job.is_loaded) else {
+        return text!("Nothing is open.").to_owned();
+    };
+    match fetching::first() {
+        Some((fetch, _)) => {
+            text!("fetching {address}{others}", address = codec::last_part(&fetch.address), others = "")
+        }
+        None => text!("reading {job}", job = job.name),
+    }
+}
+
 /// Draws the sections of a tab. Returns true if the section of the lights is open.
 fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>) -> bool {
     let is_streaming = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
@@ -170,7 +184,7 @@ fn contents(ui: &mut Ui, session: &Session, tab: Tab, actions: &mut Vec<Action>)
             section(ui, english!("Clouds"), true, |ui| {
                 panels::clouds::show(ui, session, actions);
                 if session.loaded.clouds.is_empty() {
-                    ui.label(RichText::new(text!("Nothing is open.")).color(theme::WEAK));
+                    ui.label(RichText::new(nothing_yet(session)).color(theme::WEAK));
                 }
             });
             section(ui, english!("Clips and filters"), true, |ui| panels::clips::show(ui, session, actions));
