@@ -192,6 +192,113 @@ fn a_scene_that_hides_all_of_its_clouds_is_bad_input_in_every_command() {
 
 #[cfg(unix)]
 #[test]
+fn tiles_that_cannot_be_read_are_bad_input_in_every_command() {
+    let folder = Folder::new();
+    let head = "ply\nformat ascii 1.0\nelement vertex 90\nproperty float x\nproperty float y\nproperty float z\n";
+    std::fs::create_dir(folder.path("tiles")).expect("a folder");
+    for (name, shift) in [("a", 0), ("b", 10), ("c", 20)] {
+        let rows: String = (0..90).map(|at| format!("{} {} 0\n", at % 9 + shift, at / 9)).collect();
+        folder.write("one.ply", format!("{head}end_header\n{rows}"));
+        let written = folder.glint(["export", "one.ply", "-o", &format!("tiles/{name}.laz")]);
+        assert_eq!(written.status, Some(0), "{written}");
+    }
+    let written = folder.glint(["index", "--catalogue", "tiles", "-o", "all.vpc"]);
+    assert_eq!(written.status, Some(0), "{written}");
+    let line = "[[0.0, 5.0, 0.0], [30.0, 5.0, 0.0]]";
+    folder.write(
+        "scene.toml",
+        format!(
+            "clouds = ['all.vpc']\n[[measurements]]\nkind = 'distance'\npoints = {line}\n\
+                 [[profiles]]\nline = {line}\nwidth = 1\n"
+        ),
+    );
+    let commands = [
+        "info all.vpc",
+        "render all.vpc -o a.png --size 64x48",
+        "render all.vpc -o b.png --size 64x48 --set stream.pages=never",
+        "index all.vpc",
+        "index all.vpc -o all.copc.laz",
+        "measure scene.toml",
+        "profile scene.toml --json",
+        "profile scene.toml -o profile.csv",
+        "profile scene.toml -o profile.laz",
+        "export all.vpc -o all.laz",
+        "compare tiles/a.laz all.vpc",
+        "compare all.vpc tiles/a.laz",
+    ];
+    let run = |words: &str| folder.glint(words.split(' '));
+    for words in commands {
+        let outcome = run(words);
+        assert!(lacks_adapter(&outcome) || outcome.status == Some(0), "{outcome}");
+    }
+    for name in ["all.copc.laz", "profile.laz", "all.laz", "tiles/b.laz"] {
+        std::fs::remove_file(folder.path(name)).expect("a file");
+    }
+    for words in commands {
+        let outcome = run(words);
+        if lacks_adapter(&outcome) {
+            continue;
+        }
+        let told =
+            outcome.messages.lines().filter(|line| line.starts_with("glint: all.vpc: a tile is missing: tiles/b.laz"));
+        assert!(outcome.status == Some(2) && told.count() == 1, "{outcome}");
+        let is_refused = outcome.messages.contains("not all of this cloud can be read, so nothing is compared");
+        assert!(is_refused == words.starts_with("compare"), "{outcome}");
+    }
+}
+
+#[test]
+fn tiles_of_ept_that_cannot_be_read_are_bad_input_in_every_command() {
+    let Some(data) = tests::test_data() else { return };
+    let folder = Folder::new();
+    let from = data.join("ept/lone-star-laszip");
+    let mut points = 0;
+    for part in ["", "ept-hierarchy", "ept-data"] {
+        std::fs::create_dir_all(folder.path("ept").join(part)).expect("a folder");
+        for file in std::fs::read_dir(from.join(part)).expect("a folder").flatten().map(|entry| entry.path()) {
+            if file.is_file() {
+                let to = folder.path("ept").join(part).join(file.file_name().expect("a name"));
+                std::fs::copy(file, to).expect("a copy");
+            }
+        }
+    }
+    for tile in ["1-0-0-0", "2-2-2-1"] {
+        let path = folder.path(&format!("ept/ept-data/{tile}.laz"));
+        let info = folder.glint(["info", "--json", &path.display().to_string()]).json();
+        points += info["inputs"][0]["points"].as_u64().expect("a number");
+        std::fs::write(path, "no tile").expect("a file");
+    }
+    let whole = from.display().to_string();
+    let line = "--line 515360,4918340,2320:515420,4918340,2320 --width 3";
+    folder.write(
+        "scene.toml",
+        "clouds = ['ept']\n[[measurements]]\nkind = 'distance'\npoints = [[515380.0, 4918340.0, 2330.0], [515390.0, 4918340.0, 2330.0]]\n",
+    );
+    let commands = [
+        "info ept".to_owned(),
+        "render ept -o a.png --size 64x48 --set stream.pages=never --set light.by=headlight".to_owned(),
+        "render ept -o b.png --size 640x480 --set stream.pages=always --set light.by=headlight".to_owned(),
+        "measure scene.toml".to_owned(),
+        format!("profile ept {line} --json"),
+        "export ept -o ept.laz".to_owned(),
+        format!("compare ept {whole}"),
+        format!("compare {whole} ept"),
+    ];
+    let number = format!("{},{:03} points", points / 1000, points % 1000);
+    for words in commands {
+        let outcome = folder.glint(words.split(' '));
+        if lacks_adapter(&outcome) {
+            continue;
+        }
+        // A view may not need all of them.
+        let told = if words.contains("always") { "points of the inputs cannot be read" } else { &number };
+        assert!(outcome.status == Some(2) && outcome.messages.contains(told), "{told}: {outcome}");
+        let is_refused = outcome.messages.contains("not all of this cloud can be read, so nothing is compared");
+        assert!(is_refused == words.starts_with("compare"), "{outcome}");
+    }
+}
+
+#[test]
 fn files_without_permission_are_bad_input_in_every_command() {
     use std::os::unix::fs::PermissionsExt as _;
     // In a namespace where it is mapped to nobody even root may not read what nobody may.

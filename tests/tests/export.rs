@@ -192,7 +192,23 @@ fn an_export_of_a_source_that_breaks_off_fails_and_writes_the_points_that_there_
         assert_eq!(outcome.text(), format!("{name}: 70 of 70 points\n"));
     }
     assert_eq!(information(&folder, "a.laz")["points"], 70);
+    // Numbers of the rest are no success either. A report or a picture of a file that ends early is.
+    let points = "points = [[0.0, 3.0, 0.0], [8.0, 3.0, 0.0]]";
+    folder.write("short.toml", format!("clouds = ['short.ply']\n[[measurements]]\nkind = 'distance'\n{points}\n"));
     let section = ["--line", "0,0,0:9,0,0", "--width", "0.5"];
+    let of_rest = "glint: 1,030 points of the inputs cannot be read\n";
+    for command in [&["measure", "short.toml"][..], &[&["profile", "short.ply"], &section[..]].concat()] {
+        let outcome = folder.glint(command);
+        assert!(outcome.status == Some(2) && outcome.messages.ends_with(of_rest), "{outcome}");
+    }
+    folder.glint(["export", "short.ply", "-o", "cut.las"]);
+    let cut = std::fs::read(folder.path("cut.las")).expect("the file");
+    folder.write("cut.las", &cut[..cut.len() - 200]);
+    let outcome = folder.glint(["index", "cut.las", "-o", "cut.copc.laz"]);
+    assert!(outcome.status == Some(2) && outcome.messages.contains("glint: cut.copc.laz: lacks "), "{outcome}");
+    for command in ["info", "index"] {
+        assert_eq!(folder.glint([command, "cut.las"]).status, Some(0));
+    }
     let outcome = folder.glint(["profile", "short.ply", "-o", "b.ply"].iter().chain(&section));
     assert!(outcome.status == Some(2) && outcome.messages.contains(&lack("b.ply")), "{outcome}");
     let outcome = folder.glint(["compare", "short.ply", "a.ply", "-o", "c.ply"]);

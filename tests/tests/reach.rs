@@ -252,6 +252,12 @@ fn a_folder_or_a_catalogue_of_copc_files_is_one_cloud_with_the_points_of_its_fil
     }
     // A tile that is missing is reported, and the others are shown.
     std::fs::remove_file(&paths[1]).expect("a tile");
-    let (_, messages) = picture(&folder, "missing.png", &text(&catalogue), &[]);
-    assert!(messages.contains("a tile is missing") && messages.contains("1-1-1-1.copc.laz"), "{messages}");
+    for pages in ["stream.pages=always", "stream.pages=never"] {
+        let output = text(&folder.path(&format!("{pages}.png")));
+        let arguments = ["render", &text(&catalogue), "-o", &output, "--size", "200x150", "--set", pages];
+        let outcome = folder.glint(arguments.iter().chain(&FEW_LIGHTS));
+        let told = format!("glint: {}: a tile is missing: {}", text(&catalogue), paths[1]);
+        assert!(outcome.status == Some(2) && outcome.messages.contains(&told), "{outcome}");
+        assert!(std::fs::metadata(output).is_ok(), "the others are shown");
+    }
 }

@@ -109,7 +109,7 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
     failed.end();
     if !is_whole {
         // Distances to a part of a cloud would be wrong.
-        return Err(usage(format!("{}: not all of this cloud can be read, so nothing is compared", shown(word))));
+        return Err(usage(format!("{}: {}", shown(word), export::NOT_WHOLE)));
     }
     let (test, progress) = (request.test(), Progress::default());
     let mut left_out = Vec::new();

@@ -12,12 +12,13 @@ use stream::{BuildOptions, Cache};
 use world::{CloudTask, Input, TaskKind, half_of};
 
 use crate::shared::command_line::IndexArguments;
+use crate::shared::export;
 use crate::shared::numbers::grouped;
 use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few, print};
 use crate::system::{interrupt, picture_file, progress_bar};
 
-/// Makes the indexes. Returns exit status 2 if one of several inputs could not be read.
+/// Makes the indexes. Returns exit status 2 if one of several inputs, a tile of one or points for a file could not be read.
 ///
 /// # Errors
 /// Fails on bad usage, on Ctrl-C, if the only cloud cannot be indexed, or if the output cannot be written.
@@ -64,7 +65,11 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
             if arguments.catalogue {
                 write_catalogue(&sources, output)?;
             } else {
-                write(&sources, &settings, output)?;
+                let missing = write(&sources, &settings, output)?;
+                if let Some(lack) = export::lack(output, missing) {
+                    terminal::complain(&lack);
+                    status = UNUSABLE;
+                }
             }
         }
         None => {
@@ -113,7 +118,10 @@ fn open(input: &Input, memory: u64, unreadable: &mut Few) -> Vec<Arc<codec::Sour
     let mut fail = |error: String| unreadable.complain(&error);
     for path in input.files() {
         match world::open_file(path, memory) {
-            Ok(scans) => sources.extend(scans),
+            Ok(scans) => {
+                world::lost_tiles(&scans).for_each(|error| fail(error.clone()));
+                sources.extend(scans);
+            }
             Err(error) => fail(error),
         }
     }
@@ -210,19 +218,20 @@ impl Task<'_> {
     }
 }
 
-/// Writes all files as one cloud, as COPC.
-fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> anyhow::Result<()> {
+/// Writes all files as one cloud, as COPC. Returns the number of points that cannot be read.
+fn write(sources: &[Arc<codec::Source>], settings: &Settings, output: &Path) -> anyhow::Result<u64> {
     let paths: Vec<PathBuf> = sources.iter().map(|source| source.info().path.clone()).collect();
     let memory = half_of(settings.stream.host_bytes);
     let progress = Progress::default();
     let write = || codec::write_copc(&paths, output, memory, &progress);
     let (effort, written) = Effort::of(|| progress_bar::watch("writing", &progress, write));
-    let codec::CopcSummary { points, nodes, changes, warnings } = written?.ok_or(stream::Error::Cancelled)?;
+    let codec::CopcSummary { points, missing, nodes, changes, warnings } = written?.ok_or(stream::Error::Cancelled)?;
     let name = scene::shown(output);
     let lines = changes.into_iter().chain(param::few(warnings, "warnings"));
     terminal::warn(lines.map(|warning| format!("{name}: {warning}")));
     let bytes = std::fs::metadata(output).map_or(0, |metadata| metadata.len());
-    print([format!("{}, {}", summary(&name, points, nodes, bytes), effort.text(points))])
+    print([format!("{}, {}", summary(&name, points, nodes, bytes), effort.text(points))])?;
+    Ok(missing)
 }
 
 /// For example `scan.laz: 10,653,336 points in 412 nodes, 17.9 bytes a point`.

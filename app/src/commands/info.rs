@@ -12,6 +12,7 @@ use serde::Serialize;
 use world::Input;
 
 use crate::shared::command_line::InfoArguments;
+use crate::shared::export;
 use crate::shared::numbers::{coordinate, grouped, two_digits};
 use crate::system::failure::UNUSABLE;
 use crate::system::terminal::Few;
@@ -63,6 +64,11 @@ struct FileReport {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     images: Vec<ImageReport>,
     warnings: Vec<String>,
+    /// Tiles that cannot be opened, and the number of points of tiles that cannot be read.
+    #[serde(skip)]
+    lost: Vec<String>,
+    #[serde(skip)]
+    missing: u64,
     #[serde(skip)]
     known_units: Units,
     /// How many decimals coordinates are printed with for people, if they lie on a grid.
@@ -139,7 +145,7 @@ pub struct AttributeReport {
     followers: usize,
 }
 
-/// Reports all inputs. Returns exit status 2 if one of them cannot be read, and says so on standard error, too.
+/// Reports all inputs. Returns exit status 2 if one of them, or a tile of one, cannot be read, and says so on standard error, too.
 ///
 /// # Errors
 /// If the report cannot be written, or on Ctrl-C.
@@ -162,17 +168,22 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     if arguments.json {
         terminal::print_json(&report)?;
     }
-    let mut separator = None;
+    let (mut separator, mut missing) = (None, 0);
     for entry in &report.inputs {
         match entry {
-            Entry::Read(_) if arguments.json => {}
-            Entry::Read(file) => terminal::print(separator.replace(String::new()).into_iter().chain(lines(file)))?,
+            Entry::Read(file) => {
+                if !arguments.json {
+                    terminal::print(separator.replace(String::new()).into_iter().chain(lines(file)))?;
+                }
+                file.lost.iter().for_each(|lost| unreadable.complain(lost));
+                missing += file.missing;
+            }
             Entry::Unreadable { error, .. } => unreadable.complain(error),
         }
     }
-    let is_complete = unreadable.count() == 0;
+    let status = if unreadable.count() == 0 { 0 } else { UNUSABLE };
     unreadable.end();
-    Ok(if is_complete { 0 } else { UNUSABLE })
+    Ok(export::say_missing(missing, status))
 }
 
 /// Returns an entry for each file of the input, or one with an error if the input is no file.
@@ -220,6 +231,10 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     for (number, source) in sources.iter().enumerate() {
         let summary = found.read(source, total)?;
         points += summary.points;
+        // A file that ends early has what its report says; a tile that cannot be read is a file of its own.
+        if source.info().format == codec::Format::Ept {
+            report.missing += summary.missing;
+        }
         bounds = bounds.union(summary.bounds.unwrap_or(Bounds::EMPTY));
         if let Some(own) = report.scans.get_mut(number) {
             own.points = summary.points;
@@ -259,7 +274,11 @@ fn header_report(path: &Path, sources: &[Source]) -> FileReport {
     let bounds: Option<Bounds> =
         infos().map(|info| info.bounds).try_fold(Bounds::EMPTY, |all, own| Some(all.union(own?)));
     let units_of = first.map(|info| info.units).unwrap_or_default();
-    let of_files = infos().flat_map(|info| info.warnings.iter().map(|warning| told(info, warning.clone())));
+    let has_tiles = sources.iter().any(|source| source.info().path != path);
+    let of_files = infos().flat_map(|info| {
+        let of_tile = if has_tiles { format!("{}: ", info.name()) } else { String::new() };
+        info.warnings.iter().map(move |warning| format!("{of_tile}{}", told(info, warning.clone())))
+    });
     let scan = |info: &Info| {
         let scan = info.scan.as_ref()?;
         let position = scan.position.map(|place| place.to_array());
@@ -284,6 +303,8 @@ fn header_report(path: &Path, sources: &[Source]) -> FileReport {
         neighbourhoods: None,
         scans: infos().filter_map(scan).collect(),
         images: infos().flat_map(|info| info.images.iter().map(image)).collect(),
+        lost: infos().flat_map(|info| info.lost.iter().cloned()).collect(),
+        missing: infos().filter(|info| info.format == codec::Format::Ept).map(|info| info.missing).sum(),
         warnings: of_files.chain(units_of.warning()).chain(world::other_systems(infos())).collect(),
         decimals: first.and_then(|info| info.grid).map(|grid| decimals(grid.scale.min_element())),
     }

@@ -38,12 +38,14 @@ struct Job<'a> {
     basis: Option<Basis>,
     /// What the files say that have been read.
     read: Vec<Info>,
+    /// The number of points of them that cannot be read.
+    missing: u64,
     /// The exit status so far.
     status: u8,
     failed: Few,
 }
 
-/// Prints the measurements. Returns exit status 2 if a file cannot be read, and 1 if something cannot be measured; both
+/// Prints the measurements. Returns exit status 2 if a file, or a part of one, cannot be read, and 1 if something cannot be measured; both
 /// are reported on standard error.
 ///
 /// # Errors
@@ -77,7 +79,9 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         let paths = sources.iter().map(|source| (source.info().path.clone(), source.info().scan_number()));
         left_out.extend(paths.zip(found.ok_or(stream::Error::Cancelled)?));
     }
-    let mut job = Job { request: &request, files, test, left_out, settings, basis: None, read, status: 0, failed };
+    let (missing, status) = (0, 0);
+    let mut job =
+        Job { request: &request, files, test, left_out, settings, basis: None, read, missing, status, failed };
     for input in request.inputs.iter().filter(|input| input.files().is_empty()) {
         job.status = UNUSABLE;
         job.failed.complain(&format!("{}: points of files are measured", input.name()));
@@ -86,7 +90,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     for round in rounds(&measurements, memory) {
         results.append(&mut job.measure(round)?);
     }
-    let Job { basis, mut status, mut failed, .. } = job;
+    let Job { basis, missing, mut status, mut failed, .. } = job;
     let Some(Basis { units, .. }) = basis else {
         failed.end();
         return Ok(status.max(UNUSABLE));
@@ -109,7 +113,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         terminal::print(measured().flat_map(|(measurement, figures)| lines(measurement, figures, &units)))?;
     }
     failed.end();
-    Ok(status)
+    Ok(export::say_missing(missing, status))
 }
 
 /// Divides measurements among readings of the files, so that those of one reading have room in `memory` bytes.
@@ -172,7 +176,12 @@ impl Job<'_> {
         tells: bool,
     ) -> anyhow::Result<()> {
         let memory = world::half_of(self.settings.stream.host_bytes);
-        for source in self.request.open(input, path, memory).map_err(usage)? {
+        let sources = self.request.open(input, path, memory).map_err(usage)?;
+        for lost in world::lost_tiles(&sources).filter(|_| tells) {
+            self.status = if self.status == FAILED { FAILED } else { UNUSABLE };
+            self.failed.complain(lost);
+        }
+        for source in sources {
             self.read_scan(&source, measurements, gatherings, tells)?;
         }
         Ok(())
@@ -229,6 +238,7 @@ impl Job<'_> {
         if tells {
             let of_points = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path)));
             terminal::warn(world::file_warnings(info).chain(of_points));
+            self.missing = self.missing.saturating_add(info.missing).saturating_add(summary.missing);
             self.read.push(info.clone());
         }
         Ok(())

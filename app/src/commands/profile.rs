@@ -17,7 +17,8 @@ use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{interrupt, picture_file, progress_bar};
 
-/// Writes the sections. Returns exit status 2 if one of several inputs cannot be read, and says so on standard error.
+/// Writes the sections. Returns exit status 2 if one of several inputs, or a part of one, cannot be read, and says so on
+/// standard error.
 ///
 /// # Errors
 /// Bad usage, no input can be read, the file cannot be written, or Ctrl-C.
@@ -60,7 +61,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     if let (Kind::Points, Some(output)) = (kind, &arguments.output) {
         return export_points(&request, &asked, output, arguments.json);
     }
-    let (mut table, mut status, mut read_ones) = (Table::new(&asked), 0, Vec::new());
+    let (mut table, mut status, mut missing, mut read_ones) = (Table::new(&asked), 0, 0_u64, Vec::new());
     let mut failed = Few::of("that cannot be read");
     for input in &request.inputs {
         let files = input.files();
@@ -83,14 +84,18 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
         let mut sources = Vec::new();
         for file in files {
             match request.open(input, file, memory).map_err(usage) {
-                Ok(scans) => sources.extend(scans),
+                Ok(scans) => {
+                    world::lost_tiles(&scans).for_each(|lost| complain(&usage(lost.clone())));
+                    sources.extend(scans);
+                }
                 Err(error) => complain(&error),
             }
         }
         let left_out = asked.strays(&sources)?;
         for (number, source) in sources.iter().enumerate() {
             match read(source, &left_out[number..=number], &asked, &mut table) {
-                Ok(warnings) => {
+                Ok((warnings, own)) => {
+                    missing += own;
                     let info = source.info();
                     let of_points = warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path)));
                     terminal::warn(world::file_warnings(info).chain(of_points));
@@ -117,6 +122,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
             terminal::warn(param::few(told.collect(), "sections without points"));
         }
     }
+    terminal::warn(table.of_colors());
     let report = arguments.json.then(|| table.report(arguments.output.as_deref()));
     match &arguments.output {
         Some(output) => {
@@ -135,7 +141,7 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     if let Some(report) = report {
         terminal::print_json(&report)?;
     }
-    Ok(status)
+    Ok(export::say_missing(missing, status))
 }
 
 /// Writes the points of sections to a new file, with all that is known of each. Points of several of them come once.

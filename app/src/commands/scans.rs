@@ -53,7 +53,8 @@ fn of_file(path: &Path, test: &PointTest, settings: &Settings) -> Vec<(String, a
         Some(scan) if scan.of > 1 => format!("{}, {}", shown(path), scan.name),
         _ => shown(path),
     };
-    sources.iter().map(|source| (name(source.info()), of_source(source, test, settings))).collect()
+    let lost = world::lost_tiles(&sources).map(|error| (shown(path), Err(usage(error.clone()))));
+    lost.chain(sources.iter().map(|source| (name(source.info()), of_source(source, test, settings)))).collect()
 }
 
 fn of_source(source: &codec::Source, test: &PointTest, settings: &Settings) -> anyhow::Result<Scan> {

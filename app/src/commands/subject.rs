@@ -26,7 +26,7 @@ use world::{
 use crate::commands::surface_error::{self, SurfaceErrors};
 use crate::overlays::Facts;
 use crate::overlays::labels::Mark;
-use crate::shared::measuring;
+use crate::shared::{export, measuring};
 use crate::system::failure::{FAILED, UNUSABLE, usage};
 use crate::system::interrupt;
 use crate::system::progress_bar::{self, Bar};
@@ -144,7 +144,7 @@ pub fn open(
         loads.receive(&job, view_number)?;
     }
     drop(job);
-    let status = loads.status();
+    let status = export::say_missing(loads.missing + loads.missing_of_view, loads.status());
     let Loads { mut clouds, mirrors: mut placed, stream, .. } = loads;
     let is_of_cloud = |own: &&CloudSettings| clouds.iter().any(|cloud| own.is_of(&cloud.input, &cloud.cloud.name));
     let strange = request.cloud_settings.iter().filter(|own| !is_of_cloud(own)).map(world::no_cloud);
@@ -323,6 +323,10 @@ struct Loads {
     clouds: Vec<Assembly>,
     /// The mirrors of built-in scenes, each with points sampled on its surface.
     mirrors: Vec<(Mirror, Vec<Chunk>)>,
+    /// The number of points that tiles of clouds in memory have, and that cannot be read.
+    missing: u64,
+    /// The same of streamed clouds, of the nodes that the view needs.
+    missing_of_view: u64,
     /// What has failed and not come since, and whether the input is at fault. All is reported as it fails.
     failures: Vec<(String, bool)>,
     stream: Option<StreamReport>,
@@ -338,7 +342,7 @@ impl Loads {
     /// The exit status for what failed. Failed work (status 1) outranks unusable inputs (status 2).
     fn status(&self) -> u8 {
         match self.failures.iter().all(|(_, is_usage)| *is_usage) {
-            _ if self.failures.is_empty() => 0,
+            _ if self.failures.is_empty() && self.missing + self.missing_of_view == 0 => 0,
             true => UNUSABLE,
             false => FAILED,
         }
@@ -396,6 +400,7 @@ impl Loads {
     /// Records how much of the streamed clouds is loaded. Returns whether that is all that the view needs.
     fn note(&mut self, stats: StreamStats) -> bool {
         let built_index = self.stream.is_some_and(|stream| stream.built_index);
+        self.missing_of_view = stats.points_missing;
         self.stream = Some(StreamReport {
             settled: stats.is_settled,
             nodes: stats.nodes,
@@ -432,6 +437,10 @@ impl Loads {
                 self.stream.get_or_insert_default().built_index |= self.clouds[cloud].was_built();
             }
             Event::Read { cloud, summary } => {
+                let is_of_tiles = |source: &Arc<codec::Source>| source.info().format == codec::Format::Ept;
+                if self.clouds[cloud].source.as_ref().is_some_and(is_of_tiles) {
+                    self.missing += summary.missing;
+                }
                 let new = self.clouds[cloud].end(&summary);
                 warn(&self.clouds[cloud].cloud.name, new);
             }

@@ -1,5 +1,4 @@
-//! Measures how far the points of a cloud are from another one, for `glint compare` and for the window. Files are read
-//! chunk by chunk; only places and distances stay in memory.
+//! Measures how far points of a cloud are from another one. Files are read chunk by chunk; places and distances are kept.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -16,7 +15,7 @@ use rayon::prelude::*;
 use scene::{Settings, shown};
 use world::half_of;
 
-use crate::shared::numbers::grouped;
+use crate::shared::{export, numbers::grouped};
 use crate::system::failure::usage;
 
 /// The number of points of the first cloud that decide to which side normals point.
@@ -179,6 +178,7 @@ impl Side {
                 progress.add(chunk.len() as u64);
             };
             let summary = source.read(&selection, &reading, &emit)?;
+            export::check_whole(&cloud.name, &summary)?;
             let all = info.warnings.iter().chain(&summary.warnings);
             warnings.extend(all.map(|warning| format!("{}: {warning}", cloud.name)));
             unread += info.points.saturating_sub(summary.points);

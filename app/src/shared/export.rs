@@ -12,7 +12,8 @@ use scene::{CloudSettings, Settings, Strays, SurfaceRadii, shown};
 use world::{Input, Request, half_of};
 
 use crate::shared::numbers::grouped;
-use crate::system::terminal::Few;
+use crate::system::failure::{FAILED, UNUSABLE, usage};
+use crate::system::terminal::{self, Few};
 
 /// The memory in bytes that a point takes while strays are looked for: its place and columns as they are read, another
 /// place among those that are shown, and what the search for neighbours needs.
@@ -100,7 +101,10 @@ pub fn open(request: &Request, memory: u64, failed: &mut Few) -> Vec<Vec<Arc<Sou
         let mut sources = Vec::new();
         for path in input.files() {
             match request.open(input, path, memory) {
-                Ok(scans) => sources.extend(scans),
+                Ok(scans) => {
+                    world::lost_tiles(&scans).for_each(|error| failed.complain(error));
+                    sources.extend(scans);
+                }
                 Err(error) => failed.complain(&error),
             }
         }
@@ -125,7 +129,7 @@ pub fn write(
     progress: &Progress,
 ) -> Result<Option<Exported>, String> {
     let memory = half_of(settings.stream.host_bytes);
-    let (mut sources, mut left_out) = (Vec::new(), Vec::new());
+    let (mut sources, mut left_out, mut lost) = (Vec::new(), Vec::new(), Vec::new());
     let request = Request { cloud_settings: own, ..world::resolve(inputs) };
     for input in &request.inputs {
         if input.files().is_empty() {
@@ -135,14 +139,16 @@ pub fn write(
         let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?.concat();
         let Some(found) = strays(&own, test, settings, progress)? else { return Ok(None) };
         left_out.extend(found);
+        lost.extend(world::lost_tiles(&own).cloned());
         sources.extend(own);
     }
     if ExportFormat::of(path).is_none() {
         return Err(format!("{}: the name must end in .laz, .las, .copc.laz, .e57, .ply or .csv", shown(path)));
     }
     let wanted = Wanted { test, left_out: &left_out };
-    codec::export(&sources, wanted, &columns(&sources, added), path, memory, progress)
-        .map_err(|error| error.to_string())
+    let written = codec::export(&sources, wanted, &columns(&sources, added), path, memory, progress);
+    let written = written.map_err(|error| error.to_string())?;
+    Ok(written.map(|written| Exported { warnings: [written.warnings, lost].concat(), ..written }))
 }
 
 /// Says that a new file lacks points that could not be read, if there are any.
@@ -158,6 +164,30 @@ pub fn free_name(sources: &[Arc<Source>], name: &str) -> String {
     };
     let numbered = (2..).map(|number| format!("{name}_{number}"));
     std::iter::once(name.to_owned()).chain(numbered).find(|name| !is_taken(name)).unwrap_or_default()
+}
+
+/// What is said of a cloud that is not compared because distances to the rest of it would be wrong.
+pub const NOT_WHOLE: &str = "not all of this cloud can be read, so nothing is compared";
+
+/// Refuses to compare a cloud of which points could not be read.
+///
+/// # Errors
+/// Says how many, and why.
+pub fn check_whole(name: &str, read: &codec::Summary) -> anyhow::Result<()> {
+    if read.missing == 0 {
+        return Ok(());
+    }
+    let (points, why) = (grouped(read.missing), param::few(read.warnings.clone(), "warnings").join("; "));
+    Err(usage(format!("{name}: {NOT_WHOLE}; it lacks {points} points: {why}")))
+}
+
+/// Says how many points of the inputs cannot be read, if there are any. Returns the exit status, which was `status` before.
+pub fn say_missing(missing: u64, status: u8) -> u8 {
+    if missing == 0 {
+        return status;
+    }
+    terminal::complain(&format!("{} points of the inputs cannot be read", grouped(missing)));
+    if status == FAILED { FAILED } else { UNUSABLE }
 }
 
 /// A file, and the number of a scan in it.

@@ -63,6 +63,8 @@ pub struct Table {
     parts: Vec<Part>,
     /// The names of all attributes of any file, in the order in which they come.
     attributes: Vec<String>,
+    /// Whether colours of any of the points have more than 8 bits in their file.
+    has_wide_colors: bool,
 }
 
 /// The points of a section, and the least and the largest of their distances along its line and of their heights.
@@ -126,11 +128,12 @@ pub fn write(
     let asked = Asked { profiles, stack, test, settings, is_watched, keeps_points, has_intervals: true };
     let request = Request { cloud_settings: own, ..world::resolve(inputs) };
     let memory = world::half_of(settings.stream.host_bytes);
-    let (mut sources, mut left_out) = (Vec::new(), Vec::new());
+    let (mut sources, mut left_out, mut lost) = (Vec::new(), Vec::new(), Vec::new());
     for input in &request.inputs {
         let open = |file: &PathBuf| request.open(input, file, memory).map_err(anyhow::Error::msg);
         let own = input.files().iter().map(open).collect::<anyhow::Result<Vec<_>>>()?.concat();
         left_out.extend(asked.strays(&own)?);
+        lost.extend(world::lost_tiles(&own).cloned());
         sources.extend(own);
     }
     anyhow::ensure!(!sources.is_empty(), "a profile is made of files, and none is open");
@@ -139,18 +142,17 @@ pub fn write(
         let wanted = Wanted { test: &test, left_out: &left_out };
         let written = codec::export(&sources, wanted, &[], path, memory, &Progress::default())?;
         return Ok(written.map_or_else(Vec::new, |Exported { changes, warnings, missing, .. }| {
-            changes.into_iter().chain(warnings).chain(lack(path, missing)).collect()
+            changes.into_iter().chain(warnings).chain(lost).chain(lack(path, missing)).collect()
         }));
     }
-    let mut table = Table::new(&asked);
-    let mut warnings = Vec::new();
+    let (mut table, mut missing) = (Table::new(&asked), 0);
     for (number, source) in sources.iter().enumerate() {
-        let of_file = read(source, &left_out[number..=number], &asked, &mut table)?;
-        let name = shown(&source.info().path);
-        warnings.extend(of_file.into_iter().map(|warning| format!("{name}: {warning}")));
+        missing += read(source, &left_out[number..=number], &asked, &mut table)?.1;
     }
+    lost.extend(table.of_colors().map(str::to_owned));
     picture_file::write_text(path, &table.into_csv()?)?;
-    Ok(warnings)
+    lost.extend(lack(path, missing));
+    Ok(lost)
 }
 
 impl Asked<'_> {
@@ -191,8 +193,13 @@ impl Asked<'_> {
 }
 
 /// Adds the points of a file that are shown and in the sections; `left_out` holds the indices of those of its points
-/// that are left out besides. Returns the warnings about the file.
-pub fn read(source: &Source, left_out: &[Vec<u64>], asked: &Asked, table: &mut Table) -> anyhow::Result<Vec<String>> {
+/// that are left out besides. Returns the warnings about the file, and how many of its points cannot be read.
+pub fn read(
+    source: &Source,
+    left_out: &[Vec<u64>],
+    asked: &Asked,
+    table: &mut Table,
+) -> anyhow::Result<(Vec<String>, u64)> {
     let info = source.info();
     let sections = asked.sections(info)?;
     let (name, attributes) = (shown(&info.path), info.attributes.clone());
@@ -223,15 +230,12 @@ pub fn read(source: &Source, left_out: &[Vec<u64>], asked: &Asked, table: &mut T
     pieces.sort_unstable_by_key(|piece: &Piece| (piece.section, piece.chunk.first_point));
     let mut warnings = summary.warnings;
     if asked.has_intervals {
-        if source.has_wide_colors() {
-            warnings
-                .push("colours have more bits than bytes, which the table has; LAS and LAZ files keep all".to_owned());
-        }
+        table.has_wide_colors |= source.has_wide_colors() && !pieces.is_empty();
         warnings.extend(find_intervals(source, left_out, asked, (&cloud, &sections), &mut pieces)?);
     }
     table.add(cloud, pieces, (world::up_of(info, asked.settings), info.units));
     table.extents.iter_mut().zip(extents).for_each(|(known, own)| known.add(own));
-    Ok(warnings)
+    Ok((warnings, info.missing.saturating_add(summary.missing)))
 }
 
 /// Finds how certain the places of pieces of a file are, by all of its points that are shown, whatever section they are
@@ -329,7 +333,14 @@ impl Extent {
 impl Table {
     pub fn new(asked: &Asked) -> Self {
         let sections = asked.names();
-        Self { extents: vec![Extent::NONE; sections.len()], sections, parts: Vec::new(), attributes: Vec::new() }
+        let (extents, parts, attributes) = (vec![Extent::NONE; sections.len()], Vec::new(), Vec::new());
+        Self { sections, extents, parts, attributes, has_wide_colors: false }
+    }
+
+    /// What a table of the points loses of their colours, in words.
+    pub fn of_colors(&self) -> Option<&'static str> {
+        let words = "colours of more than 8 bits are rounded to bytes in the table; LAS and LAZ files keep them";
+        self.has_wide_colors.then_some(words)
     }
 
     /// What the sections hold, as JSON. `path` is the file that is written.

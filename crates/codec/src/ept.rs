@@ -361,7 +361,7 @@ impl EptSource {
         }
         let warnings = param::few(warnings, "tiles with problems");
         let bounds = (!bounds.is_empty()).then_some(bounds);
-        Ok(Summary { points, bounds, warnings, cancelled: progress.is_cancelled() })
+        Ok(Summary { points, missing: 0, bounds, warnings, cancelled: progress.is_cancelled() })
     }
 
     fn key(&self, node: usize) -> Key {

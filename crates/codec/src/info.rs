@@ -51,6 +51,8 @@ pub struct Info {
     /// The least and the greatest value that a sensor gives, for attributes for which the file gives them.
     pub limits: Vec<(String, [f64; 2])>,
     pub warnings: Vec<String>,
+    /// What is wrong with tiles of the same catalogue that cannot be opened. The first tile that can be has it.
+    pub lost: Vec<String>,
 }
 
 /// One of the scans of a file.
@@ -138,6 +140,7 @@ impl Info {
             images: Vec::new(),
             limits: Vec::new(),
             warnings: Vec::new(),
+            lost: Vec::new(),
         }
     }
 
@@ -189,6 +192,8 @@ pub struct Selection {
 #[derive(Clone, Debug, Default)]
 pub struct Summary {
     pub points: u64,
+    /// The number of points that `Info::points` promises and that could not be read; 0 of a read that was cancelled.
+    pub missing: u64,
     /// The world bounds of all finite points read.
     pub bounds: Option<Bounds>,
     pub warnings: Vec<String>,

@@ -399,7 +399,7 @@ impl LasSource {
             }
             None => {}
         }
-        Ok(Summary { points, bounds: (!bounds.is_empty()).then_some(bounds), warnings, cancelled })
+        Ok(Summary { points, missing: 0, bounds: (!bounds.is_empty()).then_some(bounds), warnings, cancelled })
     }
 
     /// Calls `work` with every block and a buffer that each thread reuses. Runs on all threads, but on no more than

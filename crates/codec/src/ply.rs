@@ -271,6 +271,7 @@ impl RowSource {
         }
         Ok(Summary {
             points: totals.points,
+            missing: 0,
             bounds: (!totals.bounds.is_empty()).then_some(totals.bounds),
             warnings,
             cancelled: progress.is_cancelled(),

@@ -59,7 +59,7 @@ pub fn open_scans(path: &Path, memory: u64) -> Result<Vec<Source>> {
 /// The number of tiles of a catalogue that are opened at once.
 const TILES_AT_ONCE: usize = 8;
 
-/// Opens the tiles of a catalogue. What is wrong with some of them is a warning of the first that can be opened.
+/// Opens the tiles of a catalogue. `Info::lost` of the first one says which others cannot be opened.
 fn open_tiles(catalogue: &Bytes, memory: u64) -> Result<Vec<Source>> {
     let entries = catalogue::read(catalogue)?;
     let opened = at_once(&entries, TILES_AT_ONCE, |entry| {
@@ -68,25 +68,26 @@ fn open_tiles(catalogue: &Bytes, memory: u64) -> Result<Vec<Source>> {
         }
         Bytes::open_twice(&entry.path, Bytes::open, |bytes| open_file(bytes, memory))
     });
-    let (mut sources, mut problems, mut first_error) = (Vec::new(), Vec::new(), None);
+    let (mut sources, mut lost, mut first_error) = (Vec::<Source>::new(), Vec::new(), None);
+    let name = param::shown(catalogue.path());
     for (entry, opened) in entries.iter().zip(opened) {
         match opened {
-            Ok(scans) => {
+            Ok(mut scans) => {
                 let points: u64 = scans.iter().map(|scan| scan.info().points).sum();
-                if let Some(told) = entry.points.filter(|told| *told != points) {
-                    let name = param::shown(&entry.path);
-                    problems.push(format!("the catalogue says {told} points of {name}, which has {points}"));
+                if let (Some(told), Some(first)) = (entry.points.filter(|told| *told != points), scans.first_mut()) {
+                    let told = format!("the catalogue {name} says {told} points, the file has {points}");
+                    first.info_mut().warnings.push(told);
                 }
                 sources.extend(scans);
             }
             Err(error) => {
-                problems.push(format!("a tile is missing: {error}"));
+                lost.push(format!("{name}: a tile is missing: {error}"));
                 first_error.get_or_insert(error);
             }
         }
     }
     match (sources.first_mut(), first_error) {
-        (Some(first), _) => first.info_mut().warnings.extend(param::few(problems, "tiles with problems")),
+        (Some(first), _) => first.info_mut().lost = param::few(lost, "tiles that are missing"),
         (None, Some(error)) => return Err(error),
         (None, None) => {}
     }
@@ -147,14 +148,19 @@ fn known_other(start: &[u8]) -> Option<&'static str> {
         [0x00, 0x05, 0x16, 0x07, ..] => {
             "this is what macOS keeps beside a file of the same name without `._` (AppleDouble)"
         }
+        start if is_web_page(start) => {
+            "this is a web page (HTML), as servers answer with where one has to log in first; what it says shows in a browser"
+        }
         start if start.starts_with(b"version https://git-lfs") => {
             "this is a pointer of Git LFS, which stands for the file; `git lfs pull` gets the file itself"
         }
         _ => return None,
     })
-        start if is_web_page(start) => {
-            "this is a web page (HTML), as servers answer with where one has to log in first; what it says shows in a browser"
-        }
+}
+
+fn is_web_page(start: &[u8]) -> bool {
+    let text = start.trim_ascii_start().to_ascii_lowercase();
+    [&b"<!doctype html"[..], b"<html"].iter().any(|tag| text.starts_with(tag))
 }
 
 impl Source {
@@ -162,11 +168,6 @@ impl Source {
         match self {
             Self::Las(source) => &mut source.info,
             Self::Rows(source) => &mut source.info,
-fn is_web_page(start: &[u8]) -> bool {
-    let text = start.trim_ascii_start().to_ascii_lowercase();
-    [&b"<!doctype html"[..], b"<html"].iter().any(|tag| text.starts_with(tag))
-}
-
             Self::Ept(source) => &mut source.info,
         }
     }
@@ -261,11 +262,13 @@ fn is_web_page(start: &[u8]) -> bool {
     }
 
     fn read_own(&self, selection: &Selection, progress: &Progress, emit: &(dyn Fn(Chunk) + Sync)) -> Result<Summary> {
-        match self {
+        let read = match self {
             Self::Las(source) => source.read(selection, progress, emit),
             Self::Rows(source) => source.read(selection, progress, emit),
             Self::Ept(source) => source.read(selection, progress, emit),
-        }
+        }?;
+        let missing = if progress.is_cancelled() { 0 } else { self.info().points.saturating_sub(read.points) };
+        Ok(Summary { missing, ..read })
     }
 
     /// The octree of a COPC file or of EPT; `None` for other files, and if the octree does not fit the file (a warning then says
@@ -356,6 +359,10 @@ mod tests {
         let text = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
         let told = known_other(text).unwrap();
         assert!(told.contains("Git LFS") && told.contains("git lfs pull"), "{told}");
+        for page in ["<!DOCTYPE html><html>", "\n <html lang=\"en\">"] {
+            assert!(known_other(page.as_bytes()).is_some_and(|told| told.contains("a web page")), "{page}");
+        }
+        assert_eq!(known_other(b"<points>"), None);
     }
 
     #[cfg(unix)]
@@ -363,10 +370,6 @@ mod tests {
     fn what_is_no_regular_file_is_refused_before_it_is_opened() {
         for path in ["/dev/null", "/"] {
             let error = open(Path::new(path)).err().map(|error| error.to_string()).unwrap_or_default();
-        for page in ["<!DOCTYPE html><html>", "\n <html lang=\"en\">"] {
-            assert!(known_other(page.as_bytes()).is_some_and(|told| told.contains("a web page")), "{page}");
-        }
-        assert_eq!(known_other(b"<points>"), None);
             assert!(error.contains("not a regular file"), "{error}");
         }
     }

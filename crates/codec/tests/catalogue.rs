@@ -56,9 +56,10 @@ fn a_tile_that_is_missing_or_has_changed_is_told() {
     fs::write(&output, text).unwrap();
     fs::remove_file(folder.path().join("b.ply")).unwrap();
     let opened = codec::open_scans(&output, MEMORY).unwrap();
-    let told = opened[0].info().warnings.join("\n");
     assert_eq!(opened.len(), 1);
-    assert!(told.contains("b.ply") && told.contains("the catalogue says 3 points"), "{told}");
+    let (told, lost) = (opened[0].info().warnings.join("\n"), opened[0].info().lost.join("\n"));
+    assert!(told.starts_with("the catalogue ") && told.ends_with("all.vpc says 3 points, the file has 2"), "{told}");
+    assert!(lost.contains("all.vpc: a tile is missing: ") && lost.contains("b.ply"), "{lost}");
     fs::remove_file(folder.path().join("tiles/a.ply")).unwrap();
     assert!(message(&output).contains("a.ply"), "{}", message(&output));
 }

@@ -96,6 +96,12 @@ impl StreamedCloud {
         self.told.take().into_iter().chain(of_lists)
     }
 
+    /// The number of points of nodes that cannot be read.
+    fn points_missing(&self) -> u64 {
+        let points = |node: &NodeId| self.octree.get(*node).map_or(0, |node| u64::from(node.points));
+        self.missing.iter().map(points).sum()
+    }
+
     /// Whether its pages are being made again.
     fn is_awaited(&self) -> bool {
         self.is_own && self.is_damaged
@@ -350,6 +356,7 @@ impl Director {
         let point_bytes = pages.point_bytes();
         let summary = codec::Summary {
             points: octree.points(),
+            missing: 0,
             bounds: octree.nodes.first().map(|root| root.bounds),
             warnings: pages.warnings().to_vec(),
             cancelled: false,
@@ -617,11 +624,18 @@ impl Director {
         }
         if is_there {
             let read = |(cloud, streamed): (&usize, &mut StreamedCloud)| Some((*cloud, streamed.summary.take()?));
-            let of_tiles = |(cloud, tiles): (&usize, &mut Tiles)| Some((*cloud, tiles.summary()?));
-            let of_tiles = self.tiles.iter_mut().filter_map(of_tiles);
-            let read: Vec<_> = self.clouds.iter_mut().filter_map(read).chain(of_tiles).collect();
+            let mut read: Vec<_> = self.clouds.iter_mut().filter_map(read).collect();
+            let mut failed = Vec::new();
+            for (cloud, tiles) in &mut self.tiles {
+                let Some((summary, missing)) = tiles.summary() else { continue };
+                read.push((*cloud, summary));
+                failed.extend(missing.into_iter().map(|error| (tiles.names().0.to_owned(), error)));
+            }
             for (cloud, summary) in read {
                 self.send(Event::Read { cloud, summary })?;
+            }
+            for (input, error) in failed {
+                self.send(Event::Failed { input, error, is_usage: true })?;
             }
         }
         self.is_settled = is_there && self.is_complete;
@@ -640,6 +654,7 @@ impl Director {
             demand: self.demand,
             disk_bytes_per_second: shown.disk_bytes_per_second,
             points_per_second: shown.points_per_second,
+            points_missing: self.clouds.values().map(StreamedCloud::points_missing).sum(),
         };
         let (when, last) = &self.reported;
         let is_due = stats.is_settled || when.elapsed() >= REPORT_INTERVAL;

@@ -68,7 +68,7 @@ pub enum Event {
         /// Whether the input is at fault, and not the disk or the program.
         is_usage: bool,
     },
-    /// What `Failed`, or a warning of `Read`, has said to be missing has come, or is no longer wanted or read anew if not
+    /// What `Failed` has said to be missing has come, or is no longer wanted or read anew if not
     /// `has_come`: `problem` is what was said.
     Mended { input: String, problem: String, has_come: bool },
     /// The last event; with streamed clouds it is sent when they are closed. A channel that closes without it means
@@ -143,4 +143,6 @@ pub struct StreamStats {
     pub disk_bytes_per_second: f64,
     /// The points decoded per second, over the last second.
     pub points_per_second: f64,
+    /// The number of points of nodes that were to be read and cannot be.
+    pub points_missing: u64,
 }

@@ -13,7 +13,7 @@ use crate::budget::half_of;
 use crate::chunk_key::Part;
 use crate::event::{Event, Opened};
 use crate::loader::Loader;
-use crate::source::{estimate_description, is_one_file, open_file, options_for, selection, up, up_of};
+use crate::source::{estimate_description, is_one_file, lost_tiles, open_file, options_for, selection, up, up_of};
 use crate::task::{CloudTask, TaskKind};
 use crate::words::{Input, built_in_name};
 
@@ -84,7 +84,12 @@ impl Loader {
         let mut sources = Vec::new();
         for path in input.files() {
             match open_file(path, half_of(self.settings.stream.host_bytes)) {
-                Ok(scans) => sources.extend(scans),
+                Ok(scans) => {
+                    for error in lost_tiles(&scans) {
+                        self.send(Event::Failed { input: shown(path), error: error.clone(), is_usage: true })?;
+                    }
+                    sources.extend(scans);
+                }
                 Err(error) => self.send(Event::Failed { input: shown(path), error, is_usage: true })?,
             }
         }

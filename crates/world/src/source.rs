@@ -53,6 +53,11 @@ pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
     info.warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(&info.path)))
 }
 
+/// What is wrong with tiles of catalogues that cannot be opened, beside the files that can be.
+pub fn lost_tiles(sources: &[Arc<codec::Source>]) -> impl Iterator<Item = &String> {
+    sources.iter().flat_map(|source| &source.info().lost)
+}
+
 /// What a person should know of the coordinate systems of files whose points are measured together: that units are mixed,
 /// once for all files with the same ones, and that systems differ.
 pub fn system_warnings<'a>(files: impl IntoIterator<Item = &'a codec::Info> + Clone) -> Vec<String> {

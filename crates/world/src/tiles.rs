@@ -509,7 +509,7 @@ impl Tiles {
             Err(error) => {
                 let tile = &mut self.tiles[index];
                 tile.state = State::Missing;
-                let problem = format!("a tile is missing: {error}");
+                let problem = format!("{}: a tile is missing: {error}", self.input);
                 let (problem, before) = match tile.failed.take() {
                     Some((problem, again)) => (problem, Some(again)),
                     None => {
@@ -618,15 +618,18 @@ impl Tiles {
         self.problems.extend(warnings.into_iter().map(|warning| format!("{name}: {warning}")));
     }
 
-    /// What is to be said once all that the first view needs is there; `None` after that.
-    pub(crate) fn summary(&mut self) -> Option<codec::Summary> {
+    /// What is to be said once all that the first view needs is there, and which tiles of those are missing; `None` after that.
+    pub(crate) fn summary(&mut self) -> Option<(codec::Summary, Vec<String>)> {
         if std::mem::replace(&mut self.is_read, true) {
             return None;
         }
-        let warnings = std::mem::take(&mut self.problems);
-        self.note_told(&warnings);
+        let problems = std::mem::take(&mut self.problems);
+        self.note_told(&problems);
+        let (missing, warnings) = problems.into_iter().partition(|problem| self.told_missing.contains(problem));
         let bounds = Some(self.bounds());
-        Some(codec::Summary { points: self.points(), bounds, warnings, cancelled: self.is_stopped })
+        let summary =
+            codec::Summary { points: self.points(), missing: 0, bounds, warnings, cancelled: self.is_stopped };
+        Some((summary, param::few(missing, "tiles that are missing")))
     }
 
     /// What is to be said of tiles that were opened later.

@@ -95,7 +95,7 @@ fn the_nearest_tiles_are_open_within_their_limit_and_those_left_behind_go_first(
     // The two nearest, and two of all others.
     assert_eq!((settle(&mut tiles, &mailbox), open(&tiles)), (vec![], vec![1, 2, 3, 10]));
     assert_eq!(tiles.counts(), [4, 12, 12]);
-    let warnings = tiles.summary().unwrap().warnings;
+    let warnings = tiles.summary().unwrap().0.warnings;
     assert!(warnings.len() == 1 && warnings[0].contains("12 tiles; 4 are open"), "{warnings:?}");
     // Another view has other tiles near, and the same of all others.
     tiles.need(false, from(750.0));
@@ -116,7 +116,7 @@ fn no_more_tiles_are_opened_once_that_is_stopped_until_the_view_changes() {
     tiles.open_needed(&mailbox);
     tiles.stop();
     assert_eq!((settle(&mut tiles, &mailbox), open(&tiles).len()), (vec![], AT_ONCE));
-    assert!(tiles.summary().unwrap().cancelled);
+    assert!(tiles.summary().unwrap().0.cancelled);
     tiles.try_again();
     settle(&mut tiles, &mailbox);
     assert_eq!(tiles.counts(), [12; 3]);
@@ -135,7 +135,9 @@ fn tiles_that_are_not_as_their_catalogue_says_are_told() {
     let mut tiles = tiles(told, 9);
     tiles.need(false, from(0.0));
     settle(&mut tiles, &mailbox);
-    let warnings = tiles.summary().unwrap().warnings.join("\n");
+    let (summary, missing) = tiles.summary().unwrap();
+    assert_eq!(missing.len(), 2, "{missing:?}");
+    let warnings = [summary.warnings, missing].concat().join("\n");
     for told in [
         "a tile is missing: ",
         "001.copc.laz",
@@ -181,7 +183,7 @@ fn tiles_that_were_missing_are_opened_once_they_are_there() {
     back(1);
     assert!(again(&mut tiles, 2, false));
     assert_eq!((open(&tiles), tiles.mended()), (vec![0, 1], vec![]));
-    let mut told = tiles.summary().unwrap().warnings;
+    let mut told = tiles.summary().unwrap().1;
     told.sort();
     assert!(told.len() == 2 && told[0].contains("002.copc.laz") && told[1].contains("003.copc.laz"), "{told:?}");
     back(2);

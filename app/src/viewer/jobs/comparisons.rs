@@ -135,6 +135,9 @@ impl Ends {
             let memory = half_of(settings.stream.host_bytes);
             let open = |file: &PathBuf| request.open(input, file, memory);
             let own = input.files().iter().map(open).collect::<Result<Vec<_>, _>>()?.concat();
+            if let Some(lost) = world::lost_tiles(&own).next() {
+                return Err(lost.clone());
+            }
             let Some(strays) = export::strays(&own, &test, &settings, progress)? else { return Ok(None) };
             left_out.extend(strays);
             sources.extend(own);

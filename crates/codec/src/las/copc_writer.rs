@@ -51,6 +51,8 @@ const LEAST_BUCKET_BYTES: u64 = 8 << 20;
 #[derive(Clone, Debug, Default)]
 pub struct CopcSummary {
     pub points: u64,
+    /// The number of points of the inputs that could not be read.
+    pub missing: u64,
     pub nodes: usize,
     /// What the file has otherwise than the inputs.
     pub changes: Vec<String>,
@@ -130,10 +132,12 @@ pub fn write_copc(inputs: &[PathBuf], output: &Path, memory: u64, progress: &Pro
         return Ok(None);
     }
     let nodes = writer.nodes();
+    let announced = sources.iter().map(|source| source.info.points.saturating_add(source.info.missing));
+    let missing = announced.fold(0, u64::saturating_add).saturating_sub(statistics.points);
     let file = writer.finish(&job.plan, sources[0], &job.cube, &statistics).map_err(io)?;
     file.persist(output).map_err(|error| io(error.error))?;
     say_rounded_angles(&sources, &job.plan.upgrades, &mut words);
-    Ok(Some(CopcSummary { points: statistics.points, nodes, changes: words.lines(), warnings }))
+    Ok(Some(CopcSummary { points: statistics.points, missing, nodes, changes: words.lines(), warnings }))
 }
 
 const NO_GRID: Grid = Grid::new(DVec3::ONE, DVec3::ZERO);
