@@ -29,8 +29,8 @@ use crate::reflection::kept_hits::GlossCache;
 use crate::renderer::FrameStats;
 use crate::store::PointStore;
 use levels::{EMPTY, Levels, depth_of, identity_of};
-pub(crate) use light::StillImages;
 pub use light::{Known, KnownLight};
+pub(crate) use light::{StillImages, StillMirrors};
 use look_up::Pixels;
 use splat::{Piece, View};
 

@@ -9,7 +9,7 @@ use crate::handed::PictureRows;
 use crate::identities::{ChunkId, CloudId};
 use crate::image::{Aov, AovImage};
 use crate::layout::SAME_SURFACE;
-use crate::quick::{KnownLight, StillImages};
+use crate::quick::{KnownLight, StillImages, StillMirrors};
 use crate::reflection::Reflections;
 use crate::renderer::{Renderer, nothing_rendered};
 use crate::store::PointStore;
@@ -231,10 +231,18 @@ impl Renderer {
         let camera = self.camera.ok_or_else(nothing_rendered)?;
         let surface = targets.surface();
         let read = |image: &Image| self.gpu.read_texture(&image.texture);
+        let mirrors = match self.reflections.as_ref().and_then(Reflections::first) {
+            Some(bounce) => Some(StillMirrors {
+                normal: floats32(&read(&surface.normal)?),
+                seen: floats32(&read(&bounce.seen.position)?),
+            }),
+            None => None,
+        };
         let images = StillImages {
             depth: floats32(&read(&surface.depth)?),
             albedo: floats16(&read(&surface.albedo)?),
             color: floats16(&read(&targets.color)?),
+            mirrors,
         };
         let fitted = self.handed.exposure()?.filter(|_| self.exposure.is_used);
         let stops = fitted.map_or(settings.tone.exposure, |fitted| fitted.stops);

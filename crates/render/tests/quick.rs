@@ -242,6 +242,49 @@ fn a_quick_picture_takes_over_the_light_of_a_picture_at_rest_into_other_views() 
     assert!(lit < 8.0 && unlit > 2.0 * lit, "{lit} with the light and {unlit} without it");
 }
 
+/// A mirror of 4 x 4 m on the floor before a wall of coloured squares.
+fn mirror_and_wall(stage: &Stage, settings: &Settings) -> PointStore {
+    let square = |origin: DVec3, across: DVec3, up: DVec3, color: fn(u64, u64) -> [u8; 4]| {
+        const EDGE: u64 = 200;
+        let share = |i: u64| i as f64 / EDGE as f64;
+        let place = |i: u64| origin + across * share(i % EDGE) + up * share(i / EDGE);
+        let mut chunk = Chunk::of_places(0, &(0..EDGE * EDGE).map(place).collect::<Vec<_>>());
+        let normal = pack_normal(across.cross(up).normalize().as_vec3());
+        chunk.normals = Some(Arc::new(vec![normal; chunk.len()]));
+        chunk.radii = Some(Arc::new(vec![pack_radius((across.length() / EDGE as f64) as f32); chunk.len()]));
+        chunk.colors = Some(Arc::new((0..EDGE * EDGE).map(|i| color(i % EDGE / 20, i / EDGE / 20)).collect()));
+        chunk
+    };
+    let squares =
+        |x: u64, y: u64| [[220, 60, 20, 255], [30, 80, 200, 255], [240, 240, 90, 255]][((x + y) % 3) as usize];
+    let wall = square(DVec3::new(8.0, 4.0, 0.0), -DVec3::Y * 8.0, DVec3::Z * 8.0, squares);
+    let floor = square(DVec3::new(2.0, 2.0, 0.0), -DVec3::Y * 4.0, DVec3::X * 4.0, |_, _| [255; 4]);
+    let mut store = store(stage, &Cloud { chunks: vec![wall], ..Cloud::default() }, settings);
+    let mirror = store.add_cloud(Material { specular_intensity: 1.0, ..Material::default() });
+    store.add_chunk(mirror, &floor, None).unwrap();
+    store
+}
+
+#[test]
+fn what_a_plane_mirror_shows_stands_behind_it_in_quick_pictures_of_other_views() {
+    let mut stage = stage_or_skip!();
+    let settings = settings(&[("light.by", "colors"), ("edl.strength", "0")]);
+    let store = mirror_and_wall(&stage, &settings);
+    let view = |side: f64| Camera::from_eye(DVec3::new(-1.0, side, 3.0), DVec3::new(4.0, side, 0.0), DVec3::Z);
+    let rest = still(&mut stage, &store, &view(0.5), &settings);
+    let is_mirror = stage.renderer.read_aov(Aov::Mirror).unwrap().data;
+    still(&mut stage, &store, &view(0.0), &settings);
+    let known = stage.renderer.known_light(&settings).unwrap();
+    let mut quick = QuickPicture::default();
+    quick.draw(&store, &view(0.5), &settings, SIZE, ALL, Known { light: None, mirrors: Some(&known) });
+    let picture = quick.take_rows().tight();
+    let pixels = is_mirror.iter().zip(picture.chunks_exact(4).zip(rest.chunks_exact(4)));
+    let errors: Vec<f64> = pixels.filter(|(is, _)| **is == 1.0).map(|(_, (a, b))| difference(a, b)).collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    // What sticks to the mirror differs by 58.
+    assert!(errors.len() > 2000 && mean < 8.0, "{mean} of 255 in {} pixels", errors.len());
+}
+
 #[test]
 fn a_mirror_of_which_nobody_knows_what_it_shows_has_the_colour_of_what_else_is_seen() {
     let stage = stage_or_skip!();

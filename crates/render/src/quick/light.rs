@@ -13,8 +13,10 @@ pub struct KnownLight {
     /// The linear depth in world units; 0 where nothing is seen.
     depth: Vec<f32>,
     /// The light that leaves each surface over its albedo, coded by `code`. The fourth byte says whether it is known, and
-    /// whether the pixel is a mirror's.
+    /// whether the pixel is a mirror's; of a mirror, the first one is its specular intensity.
     light: Vec<[u8; 4]>,
+    /// How far behind a mirror the image of what it shows stands, along the line of sight; empty without mirrors.
+    behind: Vec<f32>,
     /// The picture in sRGB, without eye-dome lighting.
     shown: Vec<[u8; 4]>,
     curve: Box<[u8; CURVE]>,
@@ -36,6 +38,15 @@ pub(crate) struct StillImages {
     pub albedo: Vec<f32>,
     /// Four values a pixel.
     pub color: Vec<f32>,
+    pub mirrors: Option<StillMirrors>,
+}
+
+/// What the pixels of mirrors show: four values a pixel.
+pub(crate) struct StillMirrors {
+    /// The normals of all surfaces, in world axes.
+    pub normal: Vec<f32>,
+    /// The places that mirrors show, relative to the eye; the fourth value is 0 where they show none.
+    pub seen: Vec<f32>,
 }
 
 /// The light that the code 255 stands for, as a multiple of what makes a white surface white without a curve.
@@ -48,6 +59,12 @@ const CURVE: usize = 4096;
 const MIDDLE: f32 = 0.25;
 /// Depths that differ by this share or less are of the surface whose light is known.
 const SAME_SURFACE: f32 = 0.03;
+/// The distance of what mirrors show where they show no point, in world units.
+const FAR: f32 = 1e6;
+/// The curvature of mirrors is that between pixels which are apart by the width of the picture over this.
+const CURVATURE_STEPS: usize = 100;
+/// How often the place of an image behind a mirror is looked for.
+const LOOKS: usize = 4;
 /// The width in pixels of the tiles whose mean light stands for what is not known in them.
 const TILE: usize = 16;
 
@@ -66,7 +83,7 @@ fn code(light: f32) -> u8 {
 impl KnownLight {
     /// `stops` brighten the picture before the curve.
     pub(crate) fn new(camera: FrameCamera, images: StillImages, stops: f32, is_filmic: bool) -> Self {
-        let StillImages { depth, albedo, color } = images;
+        let StillImages { depth, albedo, color, mirrors } = images;
         let exposed = stops.exp2();
         let screen = |entry: usize| {
             let share = (entry as f32 + 0.5) / CURVE as f32;
@@ -83,7 +100,7 @@ impl KnownLight {
         let of_pixel = |(albedo, color): (&[f32], &[f32])| {
             // What a mirror shows is no light on it.
             if albedo[3] > 0.0 {
-                return [0, 0, 0, REFLECTION];
+                return [(albedo[3].min(1.0) * 255.0) as u8, 0, 0, REFLECTION];
             }
             if albedo[..3].iter().all(|part| *part < LEAST_ALBEDO) {
                 return [0, 0, 0, NOTHING];
@@ -91,14 +108,58 @@ impl KnownLight {
             let [red, green, blue] = [0, 1, 2].map(|part| code(color[part] * exposed / albedo[part].max(LEAST_ALBEDO)));
             [red, green, blue, LIGHT]
         };
-        let light = albedo.par_chunks_exact(4).zip(color.par_chunks_exact(4)).map(of_pixel).collect();
+        let light: Vec<_> = albedo.par_chunks_exact(4).zip(color.par_chunks_exact(4)).map(of_pixel).collect();
+        let behind = mirrors.map_or_else(Vec::new, |mirrors| behind_mirrors(&camera, &depth, &light, &mirrors));
         let screen = |color: &[f32]| {
             let [red, green, blue] = [0, 1, 2].map(|part| on_screen(&curve, (color[part] * exposed).max(0.0)));
             [red, green, blue, REFLECTION]
         };
         let shown = color.par_chunks_exact(4).map(screen).collect();
-        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, shown, curve }
+        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, behind, shown, curve }
     }
+
+    /// Whether two pixels are of the same mirror, as far as that is known.
+    #[inline(always)]
+    fn is_same_mirror(&self, one: usize, other: usize) -> bool {
+        self.light[one] == self.light[other] && self.light[one][3] == REFLECTION
+    }
+}
+
+/// For each pixel of a mirror, how far behind it along the line of sight the image of what it shows stands: as far as that
+/// is before it if the mirror is a plane, and nearer the more it is curved, by the equation of spherical mirrors.
+fn behind_mirrors(camera: &FrameCamera, depth: &[f32], light: &[[u8; 4]], mirrors: &StillMirrors) -> Vec<f32> {
+    let [width, height] = camera.size.map(|edge| edge as usize);
+    // Normals that are nearer together tell the curvature less well.
+    let step = (width / CURVATURE_STEPS).max(1);
+    let three = |image: &[f32], pixel: usize| Vec3::new(image[pixel * 4], image[pixel * 4 + 1], image[pixel * 4 + 2]);
+    let place = |pixel: usize| {
+        let (x, y) = ((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5);
+        (camera.world_from_pixel(x, y, f64::from(depth[pixel])) - camera.eye).as_vec3()
+    };
+    let of_pixel = |pixel: usize| {
+        if light[pixel][3] != REFLECTION {
+            return 0.0;
+        }
+        let (x, y, here) = (pixel % width, pixel / width, place(pixel));
+        let (mut curvature, mut count) = (0.0, 0.0);
+        let beside = [
+            (x >= step).then(|| pixel - step),
+            (x + step < width).then(|| pixel + step),
+            (y >= step).then(|| pixel - step * width),
+            (y + step < height).then(|| pixel + step * width),
+        ];
+        for other in beside.into_iter().flatten().filter(|other| light[*other] == light[pixel]) {
+            let turned = three(&mirrors.normal, other) - three(&mirrors.normal, pixel);
+            curvature += turned.length() / (place(other) - here).length().max(f32::MIN_POSITIVE);
+            count += 1.0;
+        }
+        if count == 0.0 {
+            return 0.0;
+        }
+        let shown = if mirrors.seen[pixel * 4 + 3] > 0.0 { (three(&mirrors.seen, pixel) - here).length() } else { FAR };
+        1.0 / (1.0 / shown.clamp(f32::MIN_POSITIVE, FAR) + 2.0 * curvature / count)
+    };
+    (0..depth.len()).into_par_iter().map(of_pixel).collect()
 }
 
 /// The colour of linear light on the screen.
@@ -165,6 +226,39 @@ impl<'a> Before<'a> {
         (place.z > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32).then_some((x, y, place.z))
     }
 
+    /// Where in the picture before a mirror showed the image that a pixel of it shows. The image stands behind the mirror,
+    /// so it moves across it as the eye moves. `at` is where the pixel's place on the mirror is there.
+    #[inline(always)]
+    fn place_of_image(&self, x: usize, y: usize, depth: f32, at: (f32, f32)) -> (f32, f32) {
+        let texel = |(x, y): (f32, f32)| y as usize * self.known.size[0] + x as usize;
+        let own = texel(at);
+        if self.known.behind.is_empty() || self.known.light[own][3] != REFLECTION {
+            return at;
+        }
+        let slope = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
+        let along = if self.view.orthographic { 1.0 } else { (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt() };
+        let (mut found, mut farthest, mut behind) = (at, 0.0, self.known.behind[own]);
+        for _ in 0..LOOKS {
+            // Where the mirror did not reach as far, what was at the same place of it stands in.
+            let Some((x, y, _)) = self.place(x, y, depth + behind / along) else { break };
+            let seen = texel((x, y));
+            if !self.known.is_same_mirror(own, seen) {
+                break;
+            }
+            let next = self.known.behind[seen];
+            // Images of one surface differ by little.
+            if (next - behind).abs() <= SAME_SURFACE * behind {
+                return (x, y);
+            }
+            // What was hidden in the picture before is behind what hid it.
+            if next > farthest {
+                (found, farthest) = ((x, y), next);
+            }
+            behind = next;
+        }
+        found
+    }
+
     /// What is known at a pixel of the picture before, if it shows the surface at this depth.
     #[inline(always)]
     fn at(&self, x: usize, y: usize, depth: f32) -> Option<[u8; 4]> {
@@ -210,6 +304,7 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
                 continue;
             }
             let Some((at_x, at_y, _)) = before.place(x, y, *depth) else { continue };
+            let (at_x, at_y) = before.place_of_image(x, y, *depth, (at_x, at_y));
             let (at_x, at_y) = (at_x - 0.5, at_y - 0.5);
             let (left, top) = (at_x.floor(), at_y.floor());
             let at = |x: f32, y: f32| {
