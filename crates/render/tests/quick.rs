@@ -242,6 +242,28 @@ fn a_quick_picture_takes_over_the_light_of_a_picture_at_rest_into_other_views() 
     assert!(lit < 8.0 && unlit > 2.0 * lit, "{lit} with the light and {unlit} without it");
 }
 
+#[test]
+fn a_quick_picture_takes_over_the_light_of_a_later_picture_where_the_first_knows_none() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    let settings = settings(&[("light.by", "sun"), ("color.by", "plain"), ("gi.bounces", "0"), ("tone.fit", "locked")]);
+    let store = store(&stage, &cloud, &settings);
+    // The other side of the ball.
+    let [before, behind] =
+        [-0.9, 0.9].map(|x| Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(x, 0.25, 0.4), 5.0, DVec3::Z));
+    still(&mut stage, &store, &before, &settings);
+    let first = stage.renderer.known_light(&settings).unwrap();
+    let rest = still(&mut stage, &store, &behind, &settings);
+    let later = stage.renderer.known_light(&settings).unwrap();
+    let mut quick = QuickPicture::default();
+    let mut error = |mirrors| {
+        quick.draw(&store, &behind, &settings, SIZE, ALL, Known { light: Some(&first), mirrors });
+        difference(&quick.take_rows().tight(), &rest)
+    };
+    let (both, alone) = (error(Some(&later)), error(None));
+    assert!(alone > 1.5 * both, "{both} with the later picture and {alone} without it");
+}
+
 /// A mirror of 4 x 4 m on the floor before a wall of coloured squares.
 fn mirror_and_wall(stage: &Stage, settings: &Settings) -> PointStore {
     let square = |origin: DVec3, across: DVec3, up: DVec3, color: fn(u64, u64) -> [u8; 4]| {

@@ -339,10 +339,12 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
     color.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
 }
 
-/// Finds the coded light of each pixel of a view with these colours. `depth` has a border of one pixel; depths are infinite
-/// where nothing is seen. Light that is not known is that around it. Mirrors get none.
+/// Finds the coded light of each pixel of a view with these colours: what is known of it, or else what `later` knows, a
+/// coarser picture of a view that may be nearer to this one. `depth` has a border of one pixel; depths are infinite where
+/// nothing is seen. Light that is not known is that around it. Mirrors get none.
 pub fn spread(
     known: &KnownLight,
+    later: Option<&KnownLight>,
     frame: &FrameCamera,
     view: &View,
     (depth, color): (&[f32], &[[u8; 4]]),
@@ -352,6 +354,7 @@ pub fn spread(
     let stride = width + 2;
     lights.resize(width * height, [0; 4]);
     let before = Before::new(known, frame, view);
+    let later = later.map(|later| Before::new(later, frame, view));
     let rows = lights.par_chunks_mut(width).zip(color.par_chunks(width)).with_min_len(8).enumerate();
     rows.for_each(|(y, (lights, color))| {
         let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
@@ -360,8 +363,12 @@ pub fn spread(
                 *light = [0, 0, 0, NEEDS_NONE];
                 continue;
             }
-            let found = before.place(x, y, *depth).and_then(|(x, y, seen)| before.at(x as usize, y as usize, seen));
-            *light = found.filter(|light| light[3] == LIGHT).unwrap_or([0, 0, 0, NOTHING]);
+            let look_up = |before: &Before<'_>| {
+                let (x, y, seen) = before.place(x, y, *depth)?;
+                before.at(x as usize, y as usize, seen).filter(|light| light[3] == LIGHT)
+            };
+            let found = look_up(&before).or_else(|| later.as_ref().and_then(look_up));
+            *light = found.unwrap_or([0, 0, 0, NOTHING]);
         }
     });
     fill(known, [width, height], lights);
