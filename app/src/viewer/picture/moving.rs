@@ -22,9 +22,9 @@ pub struct MovingPictures {
     light: Option<(LightInputs, Arc<KnownLight>)>,
     mirrors: Option<Reflections>,
     reflected: ReflectedPace,
-    /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, and its
-    /// camera.
-    stand: Option<(Vec<Mirror>, Camera)>,
+    /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, its camera,
+    /// and its reflections in one another.
+    stand: Option<(Vec<Mirror>, Camera, u32)>,
     /// Whether the passes of a frame with mirrors are compiled.
     pub can_reflect: bool,
     /// Whether the picture in the window is a quick one.
@@ -137,6 +137,8 @@ fn is_unlit(request: &FrameRequest) -> bool {
 const MIRRORS_STAY: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(1200)];
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
 const OF_MIRRORS: u32 = 5;
+/// The most reflections in one another that mirrors show in the coarse frame while the camera moves.
+const MOST_BOUNCES: u32 = 2;
 /// The pixels of the screen that each pixel of the coarse frame fills where only parameters change.
 const OF_STANDING_MIRRORS: u32 = 3;
 
@@ -146,7 +148,7 @@ impl MovingPictures {
     fn can_draw(&self, gpu: &Gpu, request: &FrameRequest) -> bool {
         let settings = &request.settings;
         let is_picture = settings.light.show == LightView::Picture && settings.reflection.show == Show::Picture;
-        let stand = self.stand.as_ref().is_none_or(|(mirrors, _)| *mirrors == request.mirrors);
+        let stand = self.stand.as_ref().is_none_or(|(mirrors, ..)| *mirrors == request.mirrors);
         gpu.is_processor() && is_picture && stand
     }
 
@@ -168,12 +170,17 @@ impl MovingPictures {
     /// The coarse frame for a hurried one.
     pub fn coarse(&self, request: &FrameRequest) -> FrameRequest {
         // Where the camera stands, the surface is kept from one frame to the next.
-        let stands = self.stand.as_ref().is_some_and(|(_, camera)| *camera == request.camera);
+        let stands = self.stand.as_ref().is_some_and(|(_, camera, _)| *camera == request.camera);
         let divisor = if stands { OF_STANDING_MIRRORS } else { OF_MIRRORS };
         let pixels = request.size.map(|edge| u64::from(edge / divisor)).iter().product();
         let most_reflected = Some(self.reflected.most(&request.settings));
         let spared = Spared { divisor, most_points: Some(pixels), most_reflected };
-        FrameRequest { spared: Some(spared), ..request.clone() }
+        let mut coarse = FrameRequest { spared: Some(spared), ..request.clone() };
+        // What mirrors show of one another is missed more than finer pixels.
+        if let Some((.., bounces)) = self.stand.as_ref().filter(|_| !stands) {
+            coarse.settings.reflection.bounces = (*bounces).min(MOST_BOUNCES);
+        }
+        coarse
     }
 
     /// Draws a hurried frame, if the adapter is a processor, and the light on the points and what mirrors show is known.
@@ -242,7 +249,7 @@ impl MovingPictures {
     ) -> render::Result<()> {
         self.is_shown = false;
         (self.light, self.mirrors) = (None, None);
-        self.stand = Some((request.mirrors.clone(), request.camera));
+        self.stand = Some((request.mirrors.clone(), request.camera, request.settings.reflection.bounces));
         let reflects = self.reflects(store, request);
         if gpu.is_processor() && (reflects || !is_unlit(request)) {
             let known = Arc::new(renderer.known_light(&request.settings)?);
@@ -261,5 +268,28 @@ impl MovingPictures {
     pub fn pick(&self, resident: &Resident, shown: Option<&FrameRequest>, pixel: [u32; 2]) -> Option<PickedPoint> {
         let (drawn, radius) = shown.filter(|_| self.is_shown)?.picked(pixel);
         PickedPoint::new(resident, self.quick.pick(&resident.store, drawn, radius)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn mirrors_show_one_another_in_coarse_frames_of_moving_cameras_as_often_as_at_rest_but_twice_at_most() {
+        let request = FrameRequest { hurried: true, ..FrameRequest::any() };
+        let elsewhere = Camera { eye: request.camera.eye + DVec3::X, ..request.camera };
+        for (at_rest, coarse) in [(0, 0), (1, 1), (2, 2), (4, 2)] {
+            let moving = |camera| MovingPictures { stand: Some((Vec::new(), camera, at_rest)), ..Default::default() };
+            let request = &request;
+            assert_eq!(moving(elsewhere).coarse(request).settings.reflection.bounces, coarse);
+            // The other values that change a picture need all of its time.
+            let own = request.settings.reflection.bounces;
+            assert_eq!(moving(request.camera).coarse(request).settings.reflection.bounces, own);
+            // It shows what the hurried frame needs, all the same.
+            assert!(MirrorInputs::new(&moving(elsewhere).coarse(request)) == MirrorInputs::new(request));
+        }
     }
 }
