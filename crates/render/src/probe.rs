@@ -239,7 +239,7 @@ impl Renderer {
             counters: &counters,
         };
         let mut recorder = Recorder::new(gpu, pipelines, settings);
-        recorder.give_up_when(given_up.as_deref(), *longest_piece);
+        recorder.give_up_when(given_up.as_deref().map(|asked| asked as _), *longest_piece);
         reflections.methods.trace(&mut recorder, &gather, &task, &task.supply.chunks, Rays::All)?;
         recorder.finish()?;
         let ends: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&gpu.read_texture(&seen.position.texture)?);
@@ -290,7 +290,7 @@ impl Renderer {
             [0, 1, 2, 3].map(|index| small_image(gpu, size, values.iter().map(|values| values[index])));
         let many: &mut GlobalIllumination = &mut self.many_lights;
         let mut recorder = Recorder::new(gpu, pipelines, settings);
-        recorder.give_up_when(given_up.as_deref(), *longest_piece);
+        recorder.give_up_when(given_up.as_deref().map(|asked| asked as _), *longest_piece);
         let thrown = self.caustics.thrown();
         many.place(&mut recorder, camera, store, settings, (lights, thrown, *sky), &self.lights.shadows)?;
         many.surfaces_changed(0);

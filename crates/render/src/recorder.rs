@@ -64,7 +64,7 @@ pub(crate) struct Recorder<'a> {
     host_times: Vec<PassTime>,
     failure: Option<Error>,
     /// Once set, the frame is given up before its next pass.
-    given_up: Option<&'a IsGivenUp>,
+    given_up: Option<&'a dyn Fn() -> bool>,
     /// The most milliseconds that a dispatch is meant to take where a frame may be given up.
     longest_piece: f64,
     /// The number of dispatches so far.
@@ -141,7 +141,7 @@ impl<'a> Recorder<'a> {
 
     /// Ends the frame with `Error::GivenUp` before the next pass once `is_given_up` says so. Passes that took longer than
     /// `longest_piece` milliseconds are cut into several.
-    pub fn give_up_when(&mut self, is_given_up: Option<&'a IsGivenUp>, longest_piece: f64) {
+    pub fn give_up_when(&mut self, is_given_up: Option<&'a dyn Fn() -> bool>, longest_piece: f64) {
         self.given_up = is_given_up;
         self.longest_piece = longest_piece;
     }

@@ -192,7 +192,7 @@ impl Renderer {
         let objects = Objects { mirrors, lights, clues: *clues };
         let most_points = moves.then_some(u64::MAX);
         let effort = Effort { most_points, light_reuse: *light_reuse, ..Effort::FULL };
-        self.draw(store, &Frame { camera: &stage_camera(), settings, objects, size, effort }, Some(rehearsal))
+        self.draw(store, &Frame { camera: &stage_camera(), settings, objects, size, effort }, Some(rehearsal), None)
     }
 
     /// A tiny scene with what a frame like this one has.

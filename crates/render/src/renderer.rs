@@ -173,7 +173,22 @@ impl Renderer {
     /// # Errors
     /// A picture too large for the adapter, no more memory, or the device was lost.
     pub fn render(&mut self, store: &PointStore, frame: &Frame<'_>) -> Result<FrameStats> {
-        let outcome = self.draw(store, frame, None);
+        let outcome = self.draw(store, frame, None, None);
+        self.checked(outcome)
+    }
+
+    /// Renders a frame as `render` does, but asks `is_given_up` in place of what `give_up_when` was given. It may draw
+    /// other pictures meanwhile, by other means.
+    ///
+    /// # Errors
+    /// Those of `render`, and `Error::GivenUp`.
+    pub fn render_asking(
+        &mut self,
+        store: &PointStore,
+        frame: &Frame<'_>,
+        is_given_up: &dyn Fn() -> bool,
+    ) -> Result<FrameStats> {
+        let outcome = self.draw(store, frame, None, Some(is_given_up));
         self.checked(outcome)
     }
 
@@ -183,6 +198,7 @@ impl Renderer {
         store: &PointStore,
         frame: &Frame<'_>,
         rehearsal: Option<&mut Rehearsal>,
+        is_given_up: Option<&dyn Fn() -> bool>,
     ) -> Result<FrameStats> {
         let compiled = self.pipelines.len();
         self.resize(frame.size, frame.settings.splat.quality)?;
@@ -194,7 +210,7 @@ impl Renderer {
         };
         let plan = Plan::new(store, frame, &settings, &before)?;
         self.begin(&plan);
-        let record = self.record(&plan, rehearsal)?;
+        let record = self.record(&plan, rehearsal, is_given_up)?;
         let has_compiled = self.pipelines.len() > compiled;
         self.finish(plan, record, has_compiled)
     }
@@ -216,7 +232,12 @@ impl Renderer {
     }
 
     /// Records the chapters of a frame, and waits for the GPU.
-    fn record(&mut self, plan: &Plan<'_>, rehearsal: Option<&mut Rehearsal>) -> Result<Record> {
+    fn record(
+        &mut self,
+        plan: &Plan<'_>,
+        rehearsal: Option<&mut Rehearsal>,
+        is_given_up: Option<&dyn Fn() -> bool>,
+    ) -> Result<Record> {
         let Self { gpu, pipelines, targets: Some(targets), reflections: Some(reflections), .. } = self else {
             return Err(nothing_rendered());
         };
@@ -228,7 +249,8 @@ impl Renderer {
             recorder.time_together();
         }
         recorder.rehearse(rehearsal);
-        recorder.give_up_when(self.given_up.as_deref(), self.longest_piece);
+        let is_given_up = is_given_up.or_else(|| self.given_up.as_deref().map(|asked| asked as _));
+        recorder.give_up_when(is_given_up, self.longest_piece);
         let nothing = DrawList::default();
         let points = if plan.points_are_kept { &nothing } else { &plan.points };
         let mut inputs = Inputs::new(gpu, plan.camera, &plan.seen, points);

@@ -114,12 +114,10 @@ struct Reflections {
     share: ReflectedShare,
 }
 
-/// What is known of what mirrors show in a hurried frame.
+/// What is known of what mirrors show in a hurried frame, however long ago.
 fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a Reflections> {
-    let stays = |known: &Reflections| (known.took * 4).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]);
-    let is_new = |known: &Reflections| known.since.is_none_or(|since| since.elapsed() < stays(known));
     let is_of_points = |known: &Reflections| known.points.is_none_or(|points| points == request.revision);
-    known.filter(|known| is_new(known) && is_of_points(known) && known.of == MirrorInputs::new(request))
+    known.filter(|known| is_of_points(known) && known.of == MirrorInputs::new(request))
 }
 
 /// The pixels that a frame draws, as a share of those that it fills on the screen.
@@ -132,7 +130,7 @@ fn is_unlit(request: &FrameRequest) -> bool {
     request.settings.resolved_light(!request.lights.is_empty(), request.clues).by == Lighting::Colors
 }
 
-/// How long what mirrors show may stay, fixed to their surfaces, while the camera moves: four times as long as it took to
+/// How long what mirrors show stays while the camera moves, before it is drawn anew: four times as long as it took to
 /// draw, so that most of the time is left for the pictures themselves, but at least and at most so long.
 const MIRRORS_STAY: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(1200)];
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
@@ -165,6 +163,15 @@ impl MovingPictures {
             return None;
         }
         Some(self.coarse(request))
+    }
+
+    /// The coarse frame that the renderer should draw, and `keep_mirrors` get, after a quick picture, because what mirrors
+    /// show in it has stayed for long enough.
+    pub fn is_due(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
+        let known = reflections(self.mirrors.as_ref(), request)?;
+        let stays = (known.took * 4).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]);
+        let is_due = known.since.is_some_and(|since| since.elapsed() >= stays);
+        (is_due && self.reflects(store, request) && self.can_draw(gpu, request)).then(|| self.coarse(request))
     }
 
     /// The coarse frame for a hurried one.

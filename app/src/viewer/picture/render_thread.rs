@@ -7,6 +7,7 @@
 //! picture into a texture of the window's device (picture_writer.rs). The window's next frame shows it, either whole or
 //! not at all.
 
+use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,6 +44,8 @@ pub struct RenderThread {
 
 /// The most samples of glossy mirrors that are added before the picture in the window is renewed.
 const MOST_SAMPLES: u32 = 16;
+/// How long a coarse frame for mirrors is worked at before the next moving picture is drawn.
+const MIRRORS_SLICE: Duration = Duration::from_millis(25);
 /// The longest time for which points are uploaded before a waiting frame is drawn, if the frame before took no longer.
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
@@ -285,8 +288,18 @@ impl Worker {
                             // The samples that are left come next, unless another frame is requested.
                             frame = Some(request);
                         }
+                        let moved = drawn.request.hurried.then(|| drawn.request.clone());
                         finish(Finished::Drawn(Box::new(drawn)));
                         is_prepared = false;
+                        if let Some(shown) = moved
+                            && let Err(error) = self.renew_mirrors(&shown, commands, &mut first, finish)
+                        {
+                            if !is_fatal(&error) {
+                                report(Report::Problem(error.to_string()));
+                            } else if let Err(error) = self.survive(error, report) {
+                                return report(Report::Lost(error.to_string()));
+                            }
+                        }
                     }
                     Err(render::Error::GivenUp) => frame = Some(request),
                     Err(error) if is_fatal(&error) => match self.survive(error, report) {
@@ -464,23 +477,23 @@ impl Worker {
         Ok(())
     }
 
-    /// Renders a frame for the window, if `samples` is given: of glossy mirrors, and of rays of light, it adds at most so many to those of the
-    /// frame before, if that was the same, and its exposure follows that of the frame before. Other frames are final.
-    fn render(&mut self, request: &FrameRequest, samples: Option<u32>) -> render::Result<FrameStats> {
-        let FrameRequest { mirrors, lights, clues, .. } = request;
-        let objects = Objects { mirrors, lights, clues: *clues };
+    /// The frame of a request, which takes the place of the one that is held; `samples` as for `render`.
+    fn begin<'a>(&mut self, request: &'a FrameRequest, samples: Option<u32>) -> render::Frame<'a> {
+        let FrameRequest { camera, settings, mirrors, lights, clues, .. } = request;
         self.held = None;
         let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
         self.exposed_at = samples.is_some().then(Instant::now);
-        let frame = render::Frame {
-            camera: &request.camera,
-            settings: &request.settings,
-            objects,
-            size: request.drawn_size(),
-            effort: Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..effort_of(request) },
-        };
+        let effort = Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..effort_of(request) };
+        let objects = Objects { mirrors, lights, clues: *clues };
+        render::Frame { camera, settings, objects, size: request.drawn_size(), effort }
+    }
+
+    /// Renders a frame for the window, if `samples` is given: of glossy mirrors, and of rays of light, it adds at most so many to those of the
+    /// frame before, if that was the same, and its exposure follows that of the frame before. Other frames are final.
+    fn render(&mut self, request: &FrameRequest, samples: Option<u32>) -> render::Result<FrameStats> {
+        let frame = self.begin(request, samples);
         self.renderer.prepare(&self.resident.store, &frame, &self.shaders)?;
-        self.moving.can_reflect |= !mirrors.is_empty() || self.resident.store.has_mirrors();
+        self.moving.can_reflect |= !request.mirrors.is_empty() || self.resident.store.has_mirrors();
         let stats = self.renderer.render(&self.resident.store, &frame)?;
         let [summed, asked] = stats.samples();
         let adapts = stats.exposure.is_some_and(|exposure| exposure.adapts);
@@ -518,6 +531,63 @@ impl Worker {
         match self.moving.draw(&self.gpu, &self.resident.store, request) {
             Some(drawn) => Ok(drawn),
             None => self.draw_by_passes(request),
+        }
+    }
+
+    /// Draws the coarse frame that is due after a quick picture. Between its passes, quick pictures go on with what mirrors
+    /// showed before; commands of other kinds wait in `queue`.
+    fn renew_mirrors(
+        &mut self,
+        shown: &FrameRequest,
+        commands: &Receiver<Command>,
+        queue: &mut VecDeque<Command>,
+        finish: &impl Fn(Finished),
+    ) -> render::Result<()> {
+        let Some(coarse) = self.moving.is_due(&self.gpu, &self.resident.store, shown).filter(|_| queue.is_empty())
+        else {
+            return Ok(());
+        };
+        let frame = self.begin(&coarse, Some(1));
+        self.renderer.prepare(&self.resident.store, &frame, &self.shaders)?;
+        let Self { gpu, window_gpu, renderer, resident, moving, on_screen, .. } = self;
+        let store = &resident.store;
+        let going_on = RefCell::new((moving, queue, on_screen, Instant::now()));
+        let is_given_up = || {
+            let (moving, queue, on_screen, since) = &mut *going_on.borrow_mut();
+            if since.elapsed() < MIRRORS_SLICE {
+                return false;
+            }
+            // Of several waiting frames only the latest is drawn, and none before a change that was sent before it.
+            let mut latest = None;
+            while queue.is_empty() {
+                let Ok(command) = commands.try_recv() else { break };
+                match command {
+                    Command::Frame(request) if request.hurried => latest = Some(request),
+                    other => queue.push_back(other),
+                }
+            }
+            if let Some(request) = latest {
+                match moving.draw(gpu, store, &request) {
+                    Some((stats, rows)) => {
+                        **on_screen = Some((*request).clone());
+                        // What was done for the coarse frame meanwhile counts.
+                        let (request, started, window_gpu) = (*request, *since, window_gpu.clone());
+                        finish(Finished::Drawn(Box::new(DrawnFrame { request, stats, rows, started, window_gpu })));
+                        *since = Instant::now();
+                    }
+                    None => queue.push_front(Command::Frame(request)),
+                }
+            }
+            // A picture at rest needs no coarse frame.
+            queue.iter().any(|command| matches!(command, Command::Frame(request) if !request.hurried))
+        };
+        match renderer.render_asking(store, &frame, &is_given_up) {
+            Ok(stats) => {
+                tracing::debug!(milliseconds = stats.frame_milliseconds, "coarse frame for mirrors, between pictures");
+                self.moving.keep_mirrors(&self.renderer, &coarse, &stats)
+            }
+            Err(render::Error::GivenUp) => Ok(()),
+            Err(error) => Err(error),
         }
     }
 

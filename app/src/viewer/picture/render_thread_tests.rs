@@ -162,7 +162,30 @@ fn mirrors_reflect_in_quick_pictures_once_their_passes_are_compiled_and_say_what
     let own = still.settings.environment_map.size;
     assert_eq!(pixels(quick(own)), Some(1.0), "mirrors show what they show at rest");
     std::thread::sleep(Duration::from_millis(400));
-    assert_eq!(pixels(quick(own)), Some(1.0 / 9.0), "for a while");
+    assert_eq!(
+        pixels(quick(own)),
+        Some(1.0),
+        "for a while, and until a coarse frame is drawn, which no picture waits for"
+    );
+    assert_eq!(pixels(quick(own)), Some(1.0 / 9.0));
+    std::thread::sleep(Duration::from_millis(1300));
+    // A coarse frame is due after the first of these. What comes during it is answered all the same.
+    for command in [quick(own), quick(own), Command::Measure(still.clone()), quick(own)] {
+        thread.send(command);
+    }
+    let mut order = Vec::new();
+    while order.last() != Some(&"rest") {
+        order.push(match report() {
+            Report::Measured { .. } => {
+                thread.send(Command::Frame(still.clone()));
+                "measured"
+            }
+            Report::Frame(frame) if frame.request.hurried => "quick",
+            Report::Frame(_) => "rest",
+            _ => "another",
+        });
+    }
+    assert!(order.contains(&"measured") && !order.contains(&"another") && order[0] == "quick", "{order:?}");
     rest();
     assert_eq!(pixels(quick_of(own, 1)), Some(1.0 / 9.0), "but not other points");
     thread.end();
