@@ -103,7 +103,7 @@ impl ReflectedPace {
 
 /// What mirrors show in a coarse frame, or in the last picture at rest.
 struct Reflections {
-    /// When the coarse frame was drawn, or a moving picture first showed what the one at rest does.
+    /// When the coarse frame was begun, or a moving picture first showed what the one at rest does.
     since: Option<Instant>,
     of: MirrorInputs,
     /// The revision of the points in the picture at rest. Coarse frames may lag behind them.
@@ -130,8 +130,8 @@ fn is_unlit(request: &FrameRequest) -> bool {
     request.settings.resolved_light(!request.lights.is_empty(), request.clues).by == Lighting::Colors
 }
 
-/// How long what mirrors show stays while the camera moves, before it is drawn anew: four times as long as it took to
-/// draw, so that most of the time is left for the pictures themselves, but at least and at most so long.
+/// How long after a coarse frame was begun the next one is, while the camera moves: five times as long as it took to draw,
+/// so that most of the time is left for the pictures themselves, but at least and at most so long.
 const MIRRORS_STAY: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(1200)];
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
 const OF_MIRRORS: u32 = 5;
@@ -169,7 +169,7 @@ impl MovingPictures {
     /// show in it has stayed for long enough.
     pub fn is_due(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
         let known = reflections(self.mirrors.as_ref(), request)?;
-        let stays = (known.took * 4).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]);
+        let stays = (known.took * 5).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]);
         let is_due = known.since.is_some_and(|since| since.elapsed() >= stays);
         (is_due && self.reflects(store, request) && self.can_draw(gpu, request)).then(|| self.coarse(request))
     }
@@ -185,7 +185,8 @@ impl MovingPictures {
         let mut coarse = FrameRequest { spared: Some(spared), ..request.clone() };
         // What mirrors show of one another is missed more than finer pixels.
         if let Some((.., bounces)) = self.stand.as_ref().filter(|_| !stands) {
-            coarse.settings.reflection.bounces = (*bounces).min(MOST_BOUNCES);
+            let own = &mut coarse.settings.reflection.bounces;
+            *own = if *own > 0 { (*bounces).min(MOST_BOUNCES).max(*own) } else { 0 };
         }
         coarse
     }
@@ -220,7 +221,8 @@ impl MovingPictures {
         Some((stats, self.quick.take_rows()))
     }
 
-    /// Keeps what mirrors show in the coarse frame that the renderer holds, and that took the time of `stats`.
+    /// Keeps what mirrors show in the coarse frame that the renderer holds, that was begun at a time, and that took the time
+    /// of `stats`.
     ///
     /// # Errors
     /// The device was lost.
@@ -228,6 +230,7 @@ impl MovingPictures {
         &mut self,
         renderer: &Renderer,
         request: &FrameRequest,
+        began: Instant,
         stats: &FrameStats,
     ) -> render::Result<()> {
         self.reflected.learn(&request.settings, stats);
@@ -237,7 +240,7 @@ impl MovingPictures {
         // Compiling is no part of it.
         let milliseconds = if stats.has_compiled { 0.0 } else { stats.frame_milliseconds };
         let took = Duration::try_from_secs_f64(milliseconds * 1e-3).unwrap_or_default();
-        let (since, of, known) = (Some(Instant::now()), MirrorInputs::new(request), Arc::new(known));
+        let (since, of, known) = (Some(began), MirrorInputs::new(request), Arc::new(known));
         self.mirrors = Some(Reflections { since, of, points: None, took, known, share });
         Ok(())
     }
@@ -288,7 +291,7 @@ mod tests {
     fn mirrors_show_one_another_in_coarse_frames_of_moving_cameras_as_often_as_at_rest_but_twice_at_most() {
         let request = FrameRequest { hurried: true, ..FrameRequest::any() };
         let elsewhere = Camera { eye: request.camera.eye + DVec3::X, ..request.camera };
-        for (at_rest, coarse) in [(0, 0), (1, 1), (2, 2), (4, 2)] {
+        for (at_rest, coarse) in [(0, 1), (1, 1), (2, 2), (4, 2)] {
             let moving = |camera| MovingPictures { stand: Some((Vec::new(), camera, at_rest)), ..Default::default() };
             let request = &request;
             assert_eq!(moving(elsewhere).coarse(request).settings.reflection.bounces, coarse);

@@ -45,7 +45,7 @@ pub struct RenderThread {
 /// The most samples of glossy mirrors that are added before the picture in the window is renewed.
 const MOST_SAMPLES: u32 = 16;
 /// How long a coarse frame for mirrors is worked at before the next moving picture is drawn.
-const MIRRORS_SLICE: Duration = Duration::from_millis(25);
+const MIRRORS_SLICE: Duration = Duration::from_millis(50);
 /// The longest time for which points are uploaded before a waiting frame is drawn, if the frame before took no longer.
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
@@ -523,10 +523,11 @@ impl Worker {
     /// Draws a hurried frame: as a quick picture, if that can be.
     fn draw_moving(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
         if let Some(coarse) = self.moving.lacks(&self.gpu, &self.resident.store, request) {
+            let began = Instant::now();
             let (stats, _) = self.draw_by_passes(&coarse)?;
             let (milliseconds, has_compiled) = (stats.frame_milliseconds, stats.has_compiled);
             tracing::debug!(milliseconds, has_compiled, "coarse frame for mirrors");
-            self.moving.keep_mirrors(&self.renderer, &coarse, &stats)?;
+            self.moving.keep_mirrors(&self.renderer, &coarse, began, &stats)?;
         }
         match self.moving.draw(&self.gpu, &self.resident.store, request) {
             Some(drawn) => Ok(drawn),
@@ -551,7 +552,8 @@ impl Worker {
         self.renderer.prepare(&self.resident.store, &frame, &self.shaders)?;
         let Self { gpu, window_gpu, renderer, resident, moving, on_screen, .. } = self;
         let store = &resident.store;
-        let going_on = RefCell::new((moving, queue, on_screen, Instant::now()));
+        let began = Instant::now();
+        let going_on = RefCell::new((moving, queue, on_screen, began));
         let is_given_up = || {
             let (moving, queue, on_screen, since) = &mut *going_on.borrow_mut();
             if since.elapsed() < MIRRORS_SLICE {
@@ -584,7 +586,7 @@ impl Worker {
         match renderer.render_asking(store, &frame, &is_given_up) {
             Ok(stats) => {
                 tracing::debug!(milliseconds = stats.frame_milliseconds, "coarse frame for mirrors, between pictures");
-                self.moving.keep_mirrors(&self.renderer, &coarse, &stats)
+                self.moving.keep_mirrors(&self.renderer, &coarse, began, &stats)
             }
             Err(render::Error::GivenUp) => Ok(()),
             Err(error) => Err(error),

@@ -167,7 +167,8 @@ fn mirrors_reflect_in_quick_pictures_once_their_passes_are_compiled_and_say_what
         Some(1.0),
         "for a while, and until a coarse frame is drawn, which no picture waits for"
     );
-    assert_eq!(pixels(quick(own)), Some(1.0 / 9.0));
+    // While a coarse frame is under way, others show what mirrors showed before.
+    assert!((0..200).any(|_| pixels(quick(own)) == Some(1.0 / 9.0)), "what mirrors show is never drawn anew");
     std::thread::sleep(Duration::from_millis(1300));
     // A coarse frame is due after the first of these. What comes during it is answered all the same.
     for command in [quick(own), quick(own), Command::Measure(still.clone()), quick(own)] {
