@@ -42,7 +42,7 @@ impl ReflectedShare {
 pub(crate) struct Methods {
     size: [u32; 2],
     pub index: SurfelIndex,
-    environment: EnvironmentMap,
+    pub(crate) environment: EnvironmentMap,
     pub(crate) cubemaps: CubemapTrace,
     pub(crate) screen: ScreenTrace,
     mirrored: MirroredViewpoint,
@@ -288,13 +288,13 @@ impl Methods {
     /// Forgets what methods keep from frame to frame.
     pub fn forget(&mut self) {
         self.light_field.forget();
+        self.environment.forget();
+        self.cubemaps.forget();
         self.forget_unfinished();
     }
 
-    /// Forgets what a frame that was given up may have left half done; `light_field` knows what it has drawn.
+    /// Forgets what a frame that was given up may have left half done; those that draw maps know which it has drawn.
     pub fn forget_unfinished(&mut self) {
-        self.environment.forget();
-        self.cubemaps.forget();
         self.sscr.iter_mut().for_each(Sscr::forget);
     }
 

@@ -30,6 +30,8 @@ pub(crate) struct CubemapTrace {
     /// Whether the frame may do with maps that lack the newest points, and whether it has drawn its faces of them.
     may_lag: bool,
     has_caught_up: bool,
+    /// Whether the frame has drawn faces of them.
+    is_new: bool,
 }
 
 impl CubemapTrace {
@@ -48,8 +50,12 @@ impl CubemapTrace {
         self.maps = None;
     }
 
-    /// Begins a frame. With `may_lag` it draws at most `faces_per_frame` faces of maps for points that came or went.
-    pub fn begin(&mut self, may_lag: bool) {
+    /// Begins a frame. With `may_lag` it draws at most `faces_per_frame` faces of maps for points that came or went. If
+    /// the one before was given up, maps of which it has drawn faces are not kept.
+    pub fn begin(&mut self, was_unfinished: bool, may_lag: bool) {
+        if std::mem::take(&mut self.is_new) && was_unfinished {
+            self.forget();
+        }
         (self.may_lag, self.has_caught_up) = (may_lag, false);
     }
 
@@ -127,11 +133,15 @@ impl CubemapTrace {
             Some(maps) if has_all(&maps) => maps,
             Some(mut maps) if may_lag(&maps) => {
                 if !std::mem::replace(&mut self.has_caught_up, true) {
+                    self.is_new = true;
                     catch_up(recorder, task, &layout, &mut maps, drawn, &of_maps)?;
                 }
                 maps
             }
-            _ => draw(recorder, task, &layout, drawn, &of_maps)?,
+            _ => {
+                self.is_new = true;
+                draw(recorder, task, &layout, drawn, &of_maps)?
+            }
         };
         let maps = self.maps.insert(maps);
         let most = settings.maps as usize;

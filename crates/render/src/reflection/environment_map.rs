@@ -33,6 +33,8 @@ pub(crate) struct EnvironmentMap {
     /// Six faces a map, each laid out as the camera's `nearest`.
     maps: Option<wgpu::Buffer>,
     drawn: Option<Drawn>,
+    /// Whether the frame has drawn them.
+    is_new: bool,
 }
 
 /// The inputs of the maps.
@@ -59,6 +61,13 @@ impl EnvironmentMap {
     /// Makes the next frame draw the maps anew.
     pub fn forget(&mut self) {
         self.drawn = None;
+    }
+
+    /// Begins a frame. If the one before was given up, maps that it has drawn are not kept.
+    pub fn begin(&mut self, was_unfinished: bool) {
+        if std::mem::take(&mut self.is_new) && was_unfinished {
+            self.forget();
+        }
     }
 
     /// # Errors
@@ -98,6 +107,7 @@ impl EnvironmentMap {
             None => (storage(&recorder.gpu.device, "environment maps", bytes), None),
         };
         if was_drawn.as_ref() != Some(&drawn) {
+            self.is_new = true;
             draw(recorder, task, mapped, &drawn, &maps)?;
         }
         self.drawn = Some(drawn);

@@ -217,7 +217,8 @@ impl Reflections {
         if lacks_points {
             self.forget_hits();
         }
-        self.methods.cubemaps.begin(may_lag);
+        self.methods.environment.begin(was_unfinished);
+        self.methods.cubemaps.begin(was_unfinished, may_lag);
         self.methods.light_field.begin(was_unfinished, may_lag);
         self.methods.cameras.begin(may_lag);
     }
