@@ -254,14 +254,20 @@ fn a_quick_picture_takes_over_the_light_of_a_later_picture_where_the_first_knows
     still(&mut stage, &store, &before, &settings);
     let first = stage.renderer.known_light(&settings).unwrap();
     let rest = still(&mut stage, &store, &behind, &settings);
-    let later = stage.renderer.known_light(&settings).unwrap();
-    let mut quick = QuickPicture::default();
-    let mut error = |mirrors| {
-        quick.draw(&store, &behind, &settings, SIZE, ALL, Known { light: Some(&first), mirrors });
-        difference(&quick.take_rows().tight(), &rest)
-    };
-    let (both, alone) = (error(Some(&later)), error(None));
-    assert!(alone > 1.5 * both, "{both} with the later picture and {alone} without it");
+    // That side is dark, so that its own exposure is another one.
+    for fit in ["locked", "always"] {
+        let mut own = settings.clone();
+        own.set_text("tone.fit", fit).unwrap();
+        still(&mut stage, &store, &behind, &own);
+        let later = stage.renderer.known_light(&own).unwrap();
+        let mut quick = QuickPicture::default();
+        let mut error = |mirrors| {
+            quick.draw(&store, &behind, &settings, SIZE, ALL, Known { light: Some(&first), mirrors });
+            difference(&quick.take_rows().tight(), &rest)
+        };
+        let (both, alone) = (error(Some(&later)), error(None));
+        assert!(alone > 1.5 * both, "{fit}: {both} with the later picture and {alone} without it");
+    }
 }
 
 /// A mirror of 4 x 4 m on the floor before a wall of coloured squares.

@@ -20,6 +20,8 @@ pub struct KnownLight {
     /// The picture in sRGB, without eye-dome lighting.
     shown: Vec<[u8; 4]>,
     curve: Box<[u8; CURVE]>,
+    /// How much the light is brightened.
+    stops: f32,
 }
 
 /// What quick pictures take over from pictures of the renderer.
@@ -115,7 +117,7 @@ impl KnownLight {
             [red, green, blue, REFLECTION]
         };
         let shown = color.par_chunks_exact(4).map(screen).collect();
-        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, behind, shown, curve }
+        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, behind, shown, curve, stops }
     }
 
     /// Whether two pixels are of the same mirror, as far as that is known.
@@ -354,6 +356,12 @@ pub fn spread(
     let stride = width + 2;
     lights.resize(width * height, [0; 4]);
     let before = Before::new(known, frame, view);
+    // Codes are roots of light that is brightened as the picture was.
+    let gain = later.map_or(1.0, |later| ((known.stops - later.stops) * 0.5).exp2());
+    let exposed = |[red, green, blue, kind]: [u8; 4]| {
+        let [red, green, blue] = [red, green, blue].map(|code| (f32::from(code) * gain + 0.5) as u8);
+        [red, green, blue, kind]
+    };
     let later = later.map(|later| Before::new(later, frame, view));
     let rows = lights.par_chunks_mut(width).zip(color.par_chunks(width)).with_min_len(8).enumerate();
     rows.for_each(|(y, (lights, color))| {
@@ -367,7 +375,7 @@ pub fn spread(
                 let (x, y, seen) = before.place(x, y, *depth)?;
                 before.at(x as usize, y as usize, seen).filter(|light| light[3] == LIGHT)
             };
-            let found = look_up(&before).or_else(|| later.as_ref().and_then(look_up));
+            let found = look_up(&before).or_else(|| later.as_ref().and_then(look_up).map(exposed));
             *light = found.unwrap_or([0, 0, 0, NOTHING]);
         }
     });
