@@ -235,6 +235,10 @@ impl Renderer {
             Some(bounce) => Some(StillMirrors {
                 normal: floats32(&read(&surface.normal)?),
                 seen: floats32(&read(&bounce.seen.position)?),
+                refraction: match self.reflections.as_ref().and_then(Reflections::refraction) {
+                    Some(index) => floats32(&read(index)?),
+                    None => Vec::new(),
+                },
             }),
             None => None,
         };

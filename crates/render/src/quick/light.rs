@@ -49,6 +49,8 @@ pub(crate) struct StillMirrors {
     pub normal: Vec<f32>,
     /// The places that mirrors show, relative to the eye; the fourth value is 0 where they show none.
     pub seen: Vec<f32>,
+    /// The index of refraction, one value a pixel: not 0 where light goes through; empty if it goes through nothing.
+    pub refraction: Vec<f32>,
 }
 
 /// The light that the code 255 stands for, as a multiple of what makes a white surface white without a curve.
@@ -128,7 +130,8 @@ impl KnownLight {
 }
 
 /// For each pixel of a mirror, how far behind it along the line of sight the image of what it shows stands: as far as that
-/// is before it if the mirror is a plane, and nearer the more it is curved, by the equation of spherical mirrors.
+/// is before it if the mirror is a plane, and nearer the more it is curved, by the equation of spherical mirrors. What is
+/// seen through clear mirrors outweighs what they reflect, and sticks to them.
 fn behind_mirrors(camera: &FrameCamera, depth: &[f32], light: &[[u8; 4]], mirrors: &StillMirrors) -> Vec<f32> {
     let [width, height] = camera.size.map(|edge| edge as usize);
     // Normals that are nearer together tell the curvature less well.
@@ -139,7 +142,8 @@ fn behind_mirrors(camera: &FrameCamera, depth: &[f32], light: &[[u8; 4]], mirror
         (camera.world_from_pixel(x, y, f64::from(depth[pixel])) - camera.eye).as_vec3()
     };
     let of_pixel = |pixel: usize| {
-        if light[pixel][3] != REFLECTION {
+        let is_clear = mirrors.refraction.get(pixel).is_some_and(|index| *index != 0.0);
+        if light[pixel][3] != REFLECTION || is_clear {
             return 0.0;
         }
         let (x, y, here) = (pixel % width, pixel / width, place(pixel));
