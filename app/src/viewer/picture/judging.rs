@@ -30,6 +30,11 @@ impl MovingJudge {
         }
     }
 
+    /// Whether `still_of` counts a frame as the next one to judge.
+    pub fn is_next(&self, request: &FrameRequest) -> bool {
+        self.is_on && request.spared.is_some() && (self.count + 1).is_multiple_of(EACH)
+    }
+
     /// The request of the picture at rest to which a moving one is compared; `None` if this one is not judged, or if
     /// values move and no camera.
     pub fn still_of(&mut self, request: &FrameRequest) -> Option<FrameRequest> {
@@ -54,4 +59,26 @@ pub fn flip_to_still(moving: &PictureRows, from: [u32; 2], renderer: &Renderer, 
     let [moving, still] = [moving, still].map(|picture| study::picture::linear(&picture));
     let flip = study::flip::flip(size[0] as usize, &moving, &still);
     Ok(flip.iter().sum::<f64>() / flip.len().max(1) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::viewer::picture::pace::Spared;
+
+    #[test]
+    fn it_is_known_beforehand_which_frames_are_judged() {
+        let still = FrameRequest::any();
+        let mut judge = MovingJudge { is_on: true, count: 0, still: Some(still.settings.clone()) };
+        let settings = hurried(&still.settings, false);
+        let moving = FrameRequest { settings, spared: Some(Spared::NOTHING), hurried: true, ..still };
+        let judged: Vec<bool> = (0..2 * EACH)
+            .map(|_| {
+                let is_next = judge.is_next(&moving);
+                assert_eq!(judge.still_of(&moving).is_some(), is_next);
+                is_next
+            })
+            .collect();
+        assert_eq!(judged.iter().filter(|is| **is).count(), 2);
+    }
 }

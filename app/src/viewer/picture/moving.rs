@@ -25,6 +25,8 @@ pub struct MovingPictures {
     /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, its camera,
     /// and its reflections in one another.
     stand: Option<(Vec<Mirror>, Camera, u32)>,
+    /// Why coarse frames fail, since the last one that did not.
+    failure: Option<String>,
     /// Whether the passes of a frame with mirrors are compiled.
     pub can_reflect: bool,
     /// Whether the picture in the window is a quick one.
@@ -103,11 +105,13 @@ impl ReflectedPace {
 
 /// What mirrors show in a coarse frame, or in the last picture at rest.
 struct Reflections {
-    /// When the coarse frame was begun, or a moving picture first showed what the one at rest does.
+    /// When the coarse frame was begun, or handed over if a picture waited for it, or when a moving picture first showed
+    /// what the one at rest does.
     since: Option<Instant>,
     of: MirrorInputs,
-    /// The revision of the points in the picture at rest. Coarse frames may lag behind them.
-    points: Option<u64>,
+    /// The revision of the points, and whether it is that of the picture at rest. Coarse frames may lag behind theirs.
+    points: u64,
+    is_rest: bool,
     /// How long the coarse frame took to draw.
     took: Duration,
     known: Arc<KnownLight>,
@@ -116,7 +120,7 @@ struct Reflections {
 
 /// What is known of what mirrors show in a hurried frame, however long ago.
 fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a Reflections> {
-    let is_of_points = |known: &Reflections| known.points.is_none_or(|points| points == request.revision);
+    let is_of_points = |known: &Reflections| !known.is_rest || known.points == request.revision;
     known.filter(|known| is_of_points(known) && known.of == MirrorInputs::new(request))
 }
 
@@ -130,8 +134,8 @@ fn is_unlit(request: &FrameRequest) -> bool {
     request.settings.resolved_light(!request.lights.is_empty(), request.clues).by == Lighting::Colors
 }
 
-/// How long after a coarse frame was begun the next one is, while the camera moves: five times as long as it took to draw,
-/// so that most of the time is left for the pictures themselves, but at least and at most so long.
+/// How long after a coarse frame was begun the next one is, or after it was done if a picture waited for it: five times as
+/// long as it took to draw, so that most of the time is left for the pictures themselves, but at least and at most so long.
 const MIRRORS_STAY: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(1200)];
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
 const OF_MIRRORS: u32 = 5;
@@ -169,9 +173,21 @@ impl MovingPictures {
     /// show in it has stayed for long enough.
     pub fn is_due(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
         let known = reflections(self.mirrors.as_ref(), request)?;
-        let stays = (known.took * 5).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]);
+        let stays = match known.points == request.revision {
+            true => (known.took * 5).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]),
+            // Mirrors must not go on to show clouds that are gone, but while points arrive half of the time is for pictures.
+            false => known.took * 2,
+        };
         let is_due = known.since.is_some_and(|since| since.elapsed() >= stays);
         (is_due && self.reflects(store, request) && self.can_draw(gpu, request)).then(|| self.coarse(request))
+    }
+
+    /// Puts off the coarse frame that is due, because drawing it failed. Whether that is another failure than the last one.
+    pub fn put_off(&mut self, failure: &str) -> bool {
+        if let Some(mirrors) = &mut self.mirrors {
+            mirrors.since = Some(Instant::now());
+        }
+        self.failure.replace(failure.to_owned()).as_deref() != Some(failure)
     }
 
     /// The coarse frame for a hurried one.
@@ -195,7 +211,6 @@ impl MovingPictures {
     /// Before the first picture at rest, points show their own colours, and mirrors a plain one until they can reflect.
     pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<(FrameStats, PictureRows)> {
         let FrameRequest { camera, settings, .. } = request;
-        self.is_shown = false;
         let reflects = self.reflects(store, request);
         if let Some(mirrors) = &mut self.mirrors {
             mirrors.since.get_or_insert_with(Instant::now);
@@ -221,8 +236,8 @@ impl MovingPictures {
         Some((stats, self.quick.take_rows()))
     }
 
-    /// Keeps what mirrors show in the coarse frame that the renderer holds, that was begun at a time, and that took the time
-    /// of `stats`.
+    /// Keeps what mirrors show in the coarse frame that the renderer holds, and that took the time of `stats`; `since` is
+    /// when it was begun, or when it was done if a picture waited for it.
     ///
     /// # Errors
     /// The device was lost.
@@ -230,9 +245,10 @@ impl MovingPictures {
         &mut self,
         renderer: &Renderer,
         request: &FrameRequest,
-        began: Instant,
+        since: Instant,
         stats: &FrameStats,
     ) -> render::Result<()> {
+        self.failure = None;
         self.reflected.learn(&request.settings, stats);
         let known = renderer.known_light(&request.settings)?;
         let share =
@@ -240,8 +256,8 @@ impl MovingPictures {
         // Compiling is no part of it.
         let milliseconds = if stats.has_compiled { 0.0 } else { stats.frame_milliseconds };
         let took = Duration::try_from_secs_f64(milliseconds * 1e-3).unwrap_or_default();
-        let (since, of, known) = (Some(began), MirrorInputs::new(request), Arc::new(known));
-        self.mirrors = Some(Reflections { since, of, points: None, took, known, share });
+        let (since, of, known) = (Some(since), MirrorInputs::new(request), Arc::new(known));
+        self.mirrors = Some(Reflections { since, of, points: request.revision, is_rest: false, took, known, share });
         Ok(())
     }
 
@@ -257,17 +273,17 @@ impl MovingPictures {
         store: &PointStore,
         request: &FrameRequest,
     ) -> render::Result<()> {
-        self.is_shown = false;
         (self.light, self.mirrors) = (None, None);
         self.stand = Some((request.mirrors.clone(), request.camera, request.settings.reflection.bounces));
         let reflects = self.reflects(store, request);
         if gpu.is_processor() && (reflects || !is_unlit(request)) {
             let known = Arc::new(renderer.known_light(&request.settings)?);
             if reflects {
-                let (of, points) = (MirrorInputs::new(request), Some(request.revision));
+                let (of, points) = (MirrorInputs::new(request), request.revision);
                 let share = ReflectedShare { pixels: share_of_pixels(request), ..ReflectedShare::ALL };
                 let known = known.clone();
-                self.mirrors = Some(Reflections { since: None, of, points, took: Duration::ZERO, known, share });
+                let took = Duration::ZERO;
+                self.mirrors = Some(Reflections { since: None, of, points, is_rest: true, took, known, share });
             }
             self.light = Some((LightInputs::new(request), known)).filter(|_| !is_unlit(request));
         }

@@ -205,6 +205,8 @@ impl Worker {
         let mut choose = None;
         // Whether the passes for what comes after the picture on the screen are compiled.
         let mut is_prepared = true;
+        // When a frame that came during a coarse frame for mirrors began to wait, at the earliest.
+        let mut waits_since = None;
         loop {
             let is_idle = frame.is_none() && estimate.is_none() && choose.is_none();
             let received = match first.pop_front() {
@@ -229,6 +231,7 @@ impl Worker {
             urgent.store(false, Ordering::Relaxed);
             waiting.store(false, Ordering::Relaxed);
             let started = Instant::now();
+            let waits = waits_since.take().filter(|_| next.is_some());
             while let Some(command) = next {
                 let result = match command {
                     Command::Frame(request) => {
@@ -279,25 +282,36 @@ impl Worker {
             self.apply_test();
             if let Some(request) = frame.take() {
                 self.renderer.give_up_when((!request.hurried).then(|| once_set(urgent)));
-                let drawn = self.draw((*request).clone());
+                // A picture at rest waits for no coarse frame.
+                let began = waits.filter(|_| request.hurried).unwrap_or_else(Instant::now);
+                let drawn = self.draw((*request).clone(), began);
                 self.renderer.give_up_when(None);
                 match drawn {
                     Ok(drawn) => {
                         upload_slice = UPLOAD_SLICE.max(drawn.started.elapsed());
-                        if !request.is_whole(&drawn.stats) {
+                        let is_whole = request.is_whole(&drawn.stats);
+                        finish(Finished::Drawn(Box::new(drawn)));
+                        is_prepared = false;
+                        let outcome = match request.hurried {
+                            true => self.renew_mirrors(&request, commands, &mut first, MIRRORS_SLICE, finish),
+                            false => Ok(None),
+                        };
+                        if !is_whole {
                             // The samples that are left come next, unless another frame is requested.
                             frame = Some(request);
                         }
-                        let moved = drawn.request.hurried.then(|| drawn.request.clone());
-                        finish(Finished::Drawn(Box::new(drawn)));
-                        is_prepared = false;
-                        if let Some(shown) = moved
-                            && let Err(error) = self.renew_mirrors(&shown, commands, &mut first, finish)
-                        {
-                            if !is_fatal(&error) {
-                                report(Report::Problem(error.to_string()));
-                            } else if let Err(error) = self.survive(error, report) {
-                                return report(Report::Lost(error.to_string()));
+                        match outcome {
+                            Ok(since) => waits_since = since,
+                            Err(error) if is_fatal(&error) => {
+                                if let Err(error) = self.survive(error, report) {
+                                    return report(Report::Lost(error.to_string()));
+                                }
+                            }
+                            Err(error) => {
+                                let told = error.to_string();
+                                if self.moving.put_off(&told) {
+                                    report(Report::Problem(told));
+                                }
                             }
                         }
                     }
@@ -501,13 +515,14 @@ impl Worker {
         Ok(stats)
     }
 
-    fn draw(&mut self, request: FrameRequest) -> render::Result<DrawnFrame> {
-        let started = Instant::now();
+    /// Draws a frame, which was begun, or waited for, at a time.
+    fn draw(&mut self, request: FrameRequest, started: Instant) -> render::Result<DrawnFrame> {
         let (mut stats, rows) = match request.hurried {
             true => self.draw_moving(&request)?,
             false => self.draw_by_passes(&request)?,
         };
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
+        self.moving.is_shown = stats.is_quick;
         if !request.hurried {
             self.moving.keep_light(&self.gpu, &self.renderer, &self.resident.store, &request)?;
             self.judge.on_still(&request);
@@ -523,11 +538,10 @@ impl Worker {
     /// Draws a hurried frame: as a quick picture, if that can be.
     fn draw_moving(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
         if let Some(coarse) = self.moving.lacks(&self.gpu, &self.resident.store, request) {
-            let began = Instant::now();
             let (stats, _) = self.draw_by_passes(&coarse)?;
             let (milliseconds, has_compiled) = (stats.frame_milliseconds, stats.has_compiled);
             tracing::debug!(milliseconds, has_compiled, "coarse frame for mirrors");
-            self.moving.keep_mirrors(&self.renderer, &coarse, began, &stats)?;
+            self.moving.keep_mirrors(&self.renderer, &coarse, Instant::now(), &stats)?;
         }
         match self.moving.draw(&self.gpu, &self.resident.store, request) {
             Some(drawn) => Ok(drawn),
@@ -535,62 +549,74 @@ impl Worker {
         }
     }
 
-    /// Draws the coarse frame that is due after a quick picture. Between its passes, quick pictures go on with what mirrors
-    /// showed before; commands of other kinds wait in `queue`.
+    /// Draws the coarse frame that is due after a quick picture. Each time it was worked at for a `slice`, the quick picture
+    /// that waits is drawn between its passes, with what mirrors showed before; commands of other kinds wait in `queue`.
+    /// Returns since when a picture that waits now may have done so.
     fn renew_mirrors(
         &mut self,
         shown: &FrameRequest,
         commands: &Receiver<Command>,
         queue: &mut VecDeque<Command>,
+        slice: Duration,
         finish: &impl Fn(Finished),
-    ) -> render::Result<()> {
+    ) -> render::Result<Option<Instant>> {
         let Some(coarse) = self.moving.is_due(&self.gpu, &self.resident.store, shown).filter(|_| queue.is_empty())
         else {
-            return Ok(());
+            return Ok(None);
         };
+        let began = Instant::now();
         let frame = self.begin(&coarse, Some(1));
         self.renderer.prepare(&self.resident.store, &frame, &self.shaders)?;
-        let Self { gpu, window_gpu, renderer, resident, moving, on_screen, .. } = self;
+        let Self { gpu, window_gpu, renderer, resident, moving, judge, on_screen, .. } = self;
         let store = &resident.store;
-        let began = Instant::now();
-        let going_on = RefCell::new((moving, queue, on_screen, began));
+        let going_on = RefCell::new((moving, judge, queue, on_screen, began));
         let is_given_up = || {
-            let (moving, queue, on_screen, since) = &mut *going_on.borrow_mut();
-            if since.elapsed() < MIRRORS_SLICE {
+            let (moving, judge, queue, on_screen, since) = &mut *going_on.borrow_mut();
+            if since.elapsed() < slice {
                 return false;
             }
             // Of several waiting frames only the latest is drawn, and none before a change that was sent before it.
             let mut latest = None;
-            while queue.is_empty() {
-                let Ok(command) = commands.try_recv() else { break };
+            while let Ok(command) = commands.try_recv() {
                 match command {
-                    Command::Frame(request) if request.hurried => latest = Some(request),
+                    Command::Frame(request) if request.hurried && queue.is_empty() => latest = Some(request),
                     other => queue.push_back(other),
                 }
             }
             if let Some(request) = latest {
-                match moving.draw(gpu, store, &request) {
+                // The coarse frame would take the place of the picture at rest to which a picture is compared.
+                let is_judged = judge.is_next(&request);
+                let drawn = if is_judged { None } else { moving.draw(gpu, store, &request) };
+                match drawn {
                     Some((stats, rows)) => {
+                        judge.still_of(&request);
                         **on_screen = Some((*request).clone());
                         // What was done for the coarse frame meanwhile counts.
                         let (request, started, window_gpu) = (*request, *since, window_gpu.clone());
                         finish(Finished::Drawn(Box::new(DrawnFrame { request, stats, rows, started, window_gpu })));
                         *since = Instant::now();
                     }
-                    None => queue.push_front(Command::Frame(request)),
+                    None => {
+                        queue.push_front(Command::Frame(request));
+                        // It needs another coarse frame, or the renderer.
+                        return !is_judged;
+                    }
                 }
             }
             // A picture at rest needs no coarse frame.
             queue.iter().any(|command| matches!(command, Command::Frame(request) if !request.hurried))
         };
-        match renderer.render_asking(store, &frame, &is_given_up) {
+        let outcome = renderer.render_asking(store, &frame, &is_given_up);
+        let since = going_on.into_inner().4;
+        match outcome {
             Ok(stats) => {
                 tracing::debug!(milliseconds = stats.frame_milliseconds, "coarse frame for mirrors, between pictures");
-                self.moving.keep_mirrors(&self.renderer, &coarse, began, &stats)
+                self.moving.keep_mirrors(&self.renderer, &coarse, began, &stats)?;
             }
-            Err(render::Error::GivenUp) => Ok(()),
-            Err(error) => Err(error),
+            Err(render::Error::GivenUp) => {}
+            Err(error) => return Err(error),
         }
+        Ok(Some(since))
     }
 
     /// Compiles the passes of the frames that come when something begins to move in the picture at rest on the screen, so

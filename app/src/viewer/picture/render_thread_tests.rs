@@ -169,27 +169,93 @@ fn mirrors_reflect_in_quick_pictures_once_their_passes_are_compiled_and_say_what
     );
     // While a coarse frame is under way, others show what mirrors showed before.
     assert!((0..200).any(|_| pixels(quick(own)) == Some(1.0 / 9.0)), "what mirrors show is never drawn anew");
-    std::thread::sleep(Duration::from_millis(1300));
-    // A coarse frame is due after the first of these. What comes during it is answered all the same.
-    for command in [quick(own), quick(own), Command::Measure(still.clone()), quick(own)] {
-        thread.send(command);
-    }
-    let mut order = Vec::new();
-    while order.last() != Some(&"rest") {
-        order.push(match report() {
-            Report::Measured { .. } => {
-                thread.send(Command::Frame(still.clone()));
-                "measured"
-            }
-            Report::Frame(frame) if frame.request.hurried => "quick",
-            Report::Frame(_) => "rest",
-            _ => "another",
-        });
-    }
-    assert!(order.contains(&"measured") && !order.contains(&"another") && order[0] == "quick", "{order:?}");
     rest();
     assert_eq!(pixels(quick_of(own, 1)), Some(1.0 / 9.0), "but not other points");
     thread.end();
+}
+
+/// A worker on the device that tests share, if that is a processor.
+fn worker() -> Option<Worker> {
+    let [window_gpu, gpu] = devices()?;
+    if !gpu.is_processor() {
+        eprintln!("skipped: the adapter is no processor");
+        return None;
+    }
+    Some(Worker::new(gpu, window_gpu, Arc::default(), &channel().1, &|_| {}).unwrap().0)
+}
+
+/// A hurried frame of what `still` shows, from an eye beside its own.
+fn beside(still: &FrameRequest, step: f64) -> Box<FrameRequest> {
+    let camera = Camera { eye: still.camera.eye + DVec3::X * step, ..still.camera };
+    let spared = Some(Spared { divisor: 2, ..Spared::NOTHING });
+    let settings = hurried(&still.settings, false);
+    Box::new(FrameRequest { camera, settings, spared, hurried: true, ..still.clone() })
+}
+
+#[test]
+fn quick_pictures_go_on_during_a_coarse_frame_which_is_given_up_for_what_needs_none_or_another() {
+    let Some(mut worker) = worker() else { return };
+    let still = request([60, 48]);
+    worker.draw((*still).clone(), Instant::now()).unwrap();
+    let shown = beside(&still, 0.0);
+    worker.draw((*shown).clone(), Instant::now()).unwrap();
+    let is_due = |worker: &Worker, revision: u64| {
+        let request = FrameRequest { revision, ..(*shown).clone() };
+        worker.moving.is_due(&worker.gpu, &worker.resident.store, &request).is_some()
+    };
+    let wait = |worker: &Worker| {
+        let began = Instant::now();
+        while !is_due(worker, 0) {
+            assert!(began.elapsed() < PATIENCE, "no coarse frame is ever due");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    };
+    // The places of the eyes of pictures that are drawn during the coarse frame, and what is left for afterwards.
+    let renew = |worker: &mut Worker, sent: Vec<Command>| {
+        let (sender, commands) = channel();
+        sent.into_iter().for_each(|command| sender.send(command).unwrap());
+        let (told, reports) = channel();
+        let finish = |done| drop(told.send(done));
+        let mut queue = VecDeque::new();
+        let since = worker.renew_mirrors(&shown, &commands, &mut queue, Duration::ZERO, &finish).unwrap();
+        assert!(since.is_some() && commands.try_recv().is_err(), "no coarse frame, or nobody has looked at what came");
+        let place = |done| match done {
+            Finished::Drawn(drawn) if drawn.stats.is_quick => drawn.request.camera.eye.x - shown.camera.eye.x,
+            _ => panic!("no quick picture"),
+        };
+        let name = |command: &Command| match command {
+            Command::Measure(_) => "measure",
+            Command::Frame(request) if request.hurried => "quick",
+            Command::Frame(_) => "rest",
+            _ => "another",
+        };
+        (reports.try_iter().map(place).collect::<Vec<_>>(), queue.iter().map(name).collect::<Vec<_>>())
+    };
+    let quick = |step| Command::Frame(beside(&still, step));
+    let measure = || Command::Measure(still.clone());
+    wait(&worker);
+    let sent = vec![quick(0.25), quick(0.5), measure(), quick(0.75), Command::Frame(still.clone())];
+    assert_eq!(renew(&mut worker, sent), (vec![0.5], vec!["measure", "quick", "rest"]));
+    assert!(is_due(&worker, 0), "a picture at rest waits for a coarse frame");
+    assert_eq!(renew(&mut worker, vec![quick(0.25), quick(0.5), measure()]), (vec![0.5], vec!["measure"]));
+    assert!(!is_due(&worker, 0), "what mirrors show is not drawn anew");
+    wait(&worker);
+    let mut other = beside(&still, 0.0);
+    other.settings.environment_map.size += 1;
+    assert_eq!(renew(&mut worker, vec![Command::Frame(other)]), (vec![], vec!["quick"]));
+    assert!(is_due(&worker, 0), "a picture of other values waits for a coarse frame of the old ones");
+    assert!(worker.moving.is_shown, "points are no longer picked from the quick picture on the screen");
+
+    // What fails is not tried after each picture.
+    assert!(worker.moving.put_off("no memory") && !worker.moving.put_off("no memory"));
+    // Other points are due before the same ones.
+    let is_sooner = |_| {
+        worker.moving.put_off("no memory");
+        std::thread::sleep(Duration::from_millis(200));
+        let same = is_due(&worker, 0);
+        is_due(&worker, 1) && !same
+    };
+    assert!((0..20).any(is_sooner), "mirrors go on to show points that are gone");
 }
 
 #[test]
