@@ -192,8 +192,12 @@ impl MovingPictures {
 
     /// The coarse frame for a hurried one.
     pub fn coarse(&self, request: &FrameRequest) -> FrameRequest {
+        self.coarse_of(request, self.stand.as_ref().is_some_and(|(_, camera, _)| *camera == request.camera))
+    }
+
+    /// The coarse frame for a hurried one, where the camera `stands` or moves.
+    pub fn coarse_of(&self, request: &FrameRequest, stands: bool) -> FrameRequest {
         // Where the camera stands, the surface is kept from one frame to the next.
-        let stands = self.stand.as_ref().is_some_and(|(_, camera, _)| *camera == request.camera);
         let divisor = if stands { OF_STANDING_MIRRORS } else { OF_MIRRORS };
         let pixels = request.size.map(|edge| u64::from(edge / divisor)).iter().product();
         let most_reflected = Some(self.reflected.most(&request.settings));

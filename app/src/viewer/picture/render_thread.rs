@@ -624,17 +624,23 @@ impl Worker {
     fn prepare_moving(&mut self) -> render::Result<()> {
         let Some(request) = self.on_screen.clone().filter(|request| !request.hurried) else { return Ok(()) };
         let settings = hurried(&request.settings, false);
-        let request = self.moving.coarse(&FrameRequest { settings, hurried: true, ..request });
-        if self.gpu.is_processor() && !self.moving.reflects(&self.resident.store, &request) {
+        let request = FrameRequest { settings, hurried: true, ..request };
+        let is_processor = self.gpu.is_processor();
+        if is_processor && !self.moving.reflects(&self.resident.store, &request) {
             // The processor draws all of them.
             return Ok(());
         }
-        let FrameRequest { camera, settings, mirrors, lights, clues, .. } = &request;
-        let objects = Objects { mirrors, lights, clues: *clues };
-        let effort = effort_of(&request);
-        let frame = render::Frame { camera, settings, objects, size: request.drawn_size(), effort };
         let started = Instant::now();
-        let outcome = self.renderer.prepare(&self.resident.store, &frame, &self.shaders);
+        let prepare = |request: FrameRequest| {
+            let FrameRequest { camera, settings, mirrors, lights, clues, .. } = &request;
+            let objects = Objects { mirrors, lights, clues: *clues };
+            let effort = effort_of(&request);
+            let frame = render::Frame { camera, settings, objects, size: request.drawn_size(), effort };
+            self.renderer.prepare(&self.resident.store, &frame, &self.shaders)
+        };
+        // Of a moving camera, only coarse frames for quick pictures are other ones.
+        let stands: &[bool] = if is_processor { &[true, false] } else { &[true] };
+        let outcome = stands.iter().map(|stands| self.moving.coarse_of(&request, *stands)).try_for_each(prepare);
         if outcome.is_err() {
             // The renderer may have given up the picture that it held.
             self.held = None;

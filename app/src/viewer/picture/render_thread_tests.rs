@@ -259,6 +259,21 @@ fn quick_pictures_go_on_during_a_coarse_frame_which_is_given_up_for_what_needs_n
 }
 
 #[test]
+fn passes_of_coarse_frames_are_compiled_before_the_camera_moves() {
+    let Some(mut worker) = worker() else { return };
+    let mut still = request([60, 48]);
+    still.settings.reflection.bounces = 2;
+    worker.draw((*still).clone(), Instant::now()).unwrap();
+    worker.prepare_moving().unwrap();
+    for step in [0.0, 0.5] {
+        let compiled = worker.shaders.done();
+        let coarse = worker.moving.coarse(&beside(&still, step));
+        worker.draw_by_passes(&coarse).unwrap();
+        assert_eq!(worker.shaders.done(), compiled, "{step}");
+    }
+}
+
+#[test]
 fn samples_of_glossy_mirrors_come_in_steps_and_end_in_the_picture_of_all() {
     let Some((thread, reports)) = start() else { return };
     let report = || reports.recv_timeout(PATIENCE).expect("a report");
