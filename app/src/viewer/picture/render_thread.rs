@@ -282,6 +282,7 @@ impl Worker {
             self.apply_test();
             if let Some(request) = frame.take() {
                 self.renderer.give_up_when((!request.hurried).then(|| once_set(urgent)));
+                let is_new = self.on_screen.as_ref() != Some(&*request);
                 // A picture at rest waits for no coarse frame.
                 let began = waits.filter(|_| request.hurried).unwrap_or_else(Instant::now);
                 let drawn = self.draw((*request).clone(), began);
@@ -294,6 +295,8 @@ impl Worker {
                         is_prepared = false;
                         let outcome = match request.hurried {
                             true => self.renew_mirrors(&request, commands, &mut first, MIRRORS_SLICE, finish),
+                            // Of the steps between, nothing is kept.
+                            false if is_new || is_whole => self.keep_light(&request).map(|()| None),
                             false => Ok(None),
                         };
                         if !is_whole {
@@ -524,7 +527,6 @@ impl Worker {
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         self.moving.is_shown = stats.is_quick;
         if !request.hurried {
-            self.moving.keep_light(&self.gpu, &self.renderer, &self.resident.store, &request)?;
             self.judge.on_still(&request);
         }
         if let Some(still) = self.judge.still_of(&request) {
@@ -533,6 +535,11 @@ impl Worker {
         }
         self.on_screen = Some(request.clone());
         Ok(DrawnFrame { request, stats, rows, started, window_gpu: self.window_gpu.clone() })
+    }
+
+    /// Keeps what moving pictures take over from the picture at rest that the renderer holds.
+    fn keep_light(&mut self, request: &FrameRequest) -> render::Result<()> {
+        self.moving.keep_light(&self.gpu, &self.renderer, &self.resident.store, request)
     }
 
     /// Draws a hurried frame: as a quick picture, if that can be.

@@ -197,6 +197,7 @@ fn quick_pictures_go_on_during_a_coarse_frame_which_is_given_up_for_what_needs_n
     let Some(mut worker) = worker() else { return };
     let still = request([60, 48]);
     worker.draw((*still).clone(), Instant::now()).unwrap();
+    worker.keep_light(&still).unwrap();
     let shown = beside(&still, 0.0);
     worker.draw((*shown).clone(), Instant::now()).unwrap();
     let is_due = |worker: &Worker, revision: u64| {
@@ -264,6 +265,7 @@ fn passes_of_coarse_frames_are_compiled_before_the_camera_moves() {
     let mut still = request([60, 48]);
     still.settings.reflection.bounces = 2;
     worker.draw((*still).clone(), Instant::now()).unwrap();
+    worker.keep_light(&still).unwrap();
     worker.prepare_moving().unwrap();
     for step in [0.0, 0.5] {
         let compiled = worker.shaders.done();
