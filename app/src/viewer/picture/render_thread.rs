@@ -451,12 +451,8 @@ impl Worker {
         }
         let started = Instant::now();
         self.hold(request, false)?;
-        let FrameRequest { camera, mirrors, lights, clues, settings, .. } = request;
-        let objects = Objects { mirrors, lights, clues: *clues };
-        let effort = effort_of(request);
-        let frame = render::Frame { camera, settings, objects, size: request.drawn_size(), effort };
         let held = self.held.take();
-        let judged = study::judge(&mut self.renderer, &self.resident.store, frame, study::RAYS, seed)?;
+        let judged = study::judge(&mut self.renderer, &self.resident.store, frame_of(request), study::RAYS, seed)?;
         self.held = held;
         tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "estimate");
         Ok(Some(judged))
@@ -496,13 +492,12 @@ impl Worker {
 
     /// The frame of a request, which takes the place of the one that is held; `samples` as for `render`.
     fn begin<'a>(&mut self, request: &'a FrameRequest, samples: Option<u32>) -> render::Frame<'a> {
-        let FrameRequest { camera, settings, mirrors, lights, clues, .. } = request;
         self.held = None;
         let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
         self.exposed_at = samples.is_some().then(Instant::now);
-        let effort = Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..effort_of(request) };
-        let objects = Objects { mirrors, lights, clues: *clues };
-        render::Frame { camera, settings, objects, size: request.drawn_size(), effort }
+        let frame = frame_of(request);
+        let effort = Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..frame.effort };
+        render::Frame { effort, ..frame }
     }
 
     /// Renders a frame for the window, if `samples` is given: of glossy mirrors, and of rays of light, it adds at most so many to those of the
@@ -638,13 +633,8 @@ impl Worker {
             return Ok(());
         }
         let started = Instant::now();
-        let prepare = |request: FrameRequest| {
-            let FrameRequest { camera, settings, mirrors, lights, clues, .. } = &request;
-            let objects = Objects { mirrors, lights, clues: *clues };
-            let effort = effort_of(&request);
-            let frame = render::Frame { camera, settings, objects, size: request.drawn_size(), effort };
-            self.renderer.prepare(&self.resident.store, &frame, &self.shaders)
-        };
+        let prepare =
+            |request: FrameRequest| self.renderer.prepare(&self.resident.store, &frame_of(&request), &self.shaders);
         // Of a moving camera, only coarse frames for quick pictures are other ones.
         let stands: &[bool] = if is_processor { &[true, false] } else { &[true] };
         let outcome = stands.iter().map(|stands| self.moving.coarse_of(&request, *stands)).try_for_each(prepare);
@@ -667,16 +657,19 @@ impl Worker {
     }
 }
 
-/// The effort of a frame for the window, whose exposure and samples are those of a picture at rest.
-fn effort_of(request: &FrameRequest) -> Effort {
-    Effort {
+/// A frame for the window, whose exposure and samples are those of a picture at rest.
+fn frame_of(request: &FrameRequest) -> render::Frame<'_> {
+    let FrameRequest { camera, settings, mirrors, lights, clues, .. } = request;
+    let effort = Effort {
         most_points: request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)),
         most_reflected: request.spared.and_then(|spared| spared.most_reflected),
         light_may_lag: request.light_may_lag,
         light_reuse: if request.hurried { LightReuse::Reuse } else { LightReuse::Keep },
         times_passes: !request.hurried,
         ..Effort::FULL
-    }
+    };
+    let objects = Objects { mirrors, lights, clues: *clues };
+    render::Frame { camera, settings, objects, size: request.drawn_size(), effort }
 }
 
 /// How long the exposure takes to go two thirds of its way: eyes take longer, but nobody wants to wait.
