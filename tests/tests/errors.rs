@@ -173,13 +173,14 @@ fn a_scene_that_hides_all_of_its_clouds_is_bad_input_in_every_command() {
     let hidden = "[[cloud_settings]]\ncloud = 'a.las'\non = false\n";
     folder.write("hidden.toml", format!("clouds = ['a.las']\n{hidden}{measurement}{PATH}"));
     let line = ["--line", "0,0,0:1,0,0", "--width", "1"];
-    let commands: [&[&str]; 6] = [
+    let commands: [&[&str]; 7] = [
         &["render", "hidden.toml", "-o", "a.png"],
         &["record", "hidden.toml", "-o", "a"],
         &[&["profile", "hidden.toml"], &line[..]].concat(),
         &["measure", "hidden.toml"],
         &["export", "hidden.toml", "-o", "a.ply"],
         &["compare", "hidden.toml", "a.las"],
+        &["ghosts", "hidden.toml"],
     ];
     for words in commands {
         let outcome = folder.glint(words);

@@ -275,6 +275,9 @@ fn every_command_warns_of_settings_of_no_cloud_and_none_moves_a_tile_of_a_folder
             format!("measure {file}"),
             format!("profile {file} --json"),
             format!("compare {file} tiles --json"),
+            format!("info {file}"),
+            format!("index {file}"),
+            format!("record {file} -o {file}.pictures --path turntable --frames 0..1 --size 64x48"),
             format!("render {file} -o a.png --size 64x48"),
         ];
         for command in commands {
@@ -290,4 +293,31 @@ fn every_command_warns_of_settings_of_no_cloud_and_none_moves_a_tile_of_a_folder
         let table = std::fs::read_to_string(folder.path(&format!("{file}.csv"))).expect("the points");
         assert!(table.lines().skip(1).all(|row| row.split(',').nth(2).and_then(|z| z.parse().ok()) == Some(0.0)));
     }
+    // Clouds of a folder that are all switched off are no success without a file.
+    let off =
+        "[[cloud_settings]]\ncloud = 'one.ply'\non = false\n[[cloud_settings]]\ncloud = 'tiles/a.las'\non = false\n";
+    let apart = scene("tiles", &off.replace("one.ply", "tiles/b.las")) + "[parameters]\n\"stream.pages\" = \"never\"\n";
+    folder.write("off.toml", apart);
+    let commands = [
+        "export off.toml -o off.csv",
+        "profile off.toml -o off.csv",
+        "profile off.toml -o off.las",
+        "measure off.toml",
+        "compare off.toml one.ply",
+        "ghosts off.toml -o off.las",
+    ];
+    for command in commands {
+        let outcome = folder.glint(command.split(' '));
+        let messages = &outcome.messages;
+        assert!(outcome.status == Some(2) && messages.contains("the scene hides all of its clouds"), "{outcome}");
+        assert!(!messages.contains("not all of this cloud can be read"), "{outcome}");
+    }
+    // Tiles near each other have the name of the folder, a lone one that of its file.
+    folder.write("three.ply", tile(9000));
+    assert_eq!(folder.glint(["export", "three.ply", "-o", "tiles/c.las"]).status, Some(0));
+    folder.write("group.toml", scene("tiles", "[[cloud_settings]]\ncloud = 'tiles'\non = false\n"));
+    let outcome = folder.glint(["export", "group.toml", "-o", "group.csv"]);
+    assert!(outcome.status == Some(0) && outcome.text() == "group.csv: 64 of 64 points\n", "{outcome}");
+    let table = std::fs::read_to_string(folder.path("group.csv")).expect("the points");
+    assert!(table.lines().skip(1).all(|row| row.starts_with("900")), "only the lone tile: {table}");
 }

@@ -93,14 +93,14 @@ fn check_scales(arguments: &CompareArguments) -> anyhow::Result<()> {
 fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
     let mut request = world::resolve(&[word]);
     request.check()?;
-    request.leave_out_hidden()?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     for (key, value) in set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     recording::settings(&mut request).clone_from(&settings);
-    terminal::warn(&request.warnings);
     let memory = half_of(settings.stream.host_bytes);
+    request.leave_out_hidden(memory)?;
+    terminal::warn(&request.warnings);
     terminal::warn(request.check_filters(&settings)?);
     terminal::warn(request.settings_without_cloud(memory));
     let mut failed = Few::of("that cannot be read");

@@ -43,16 +43,16 @@ pub fn run(arguments: &ExportArguments) -> anyhow::Result<u8> {
         request.clips.extend(file.clips);
         request.take_cloud_settings(&file.cloud_settings);
     }
-    request.leave_out_hidden()?;
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     recording::settings(&mut request).clone_from(&settings);
+    let memory = half_of(settings.stream.host_bytes);
+    request.leave_out_hidden(memory)?;
     terminal::warn(&request.warnings);
     if let [Input::BuiltIn { variant: Variant::Tripod(scan), .. }] = request.inputs.as_slice() {
         return write_made(*scan, &settings, arguments);
     }
-    let memory = half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(&settings)?);
     terminal::warn(request.settings_without_cloud(memory));
     let mut failed = Few::of("that cannot be read");

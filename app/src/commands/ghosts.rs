@@ -36,9 +36,10 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
         let (file, _) = SceneFile::read(path)?;
         given.extend(file.mirrors);
     }
-    terminal::warn(&request.warnings);
     recording::settings(&mut request).clone_from(&settings);
     let memory = half_of(settings.stream.host_bytes);
+    request.leave_out_hidden(memory)?;
+    terminal::warn(&request.warnings);
     terminal::warn(request.settings_without_cloud(memory));
     let mut failed = Few::of("that cannot be read");
     let sources = export::open(&request, memory, &mut failed).concat();

@@ -11,6 +11,7 @@ use scene::Settings;
 use stream::{BuildOptions, Cache};
 use world::{CloudTask, Input, TaskKind, half_of};
 
+use crate::commands::recording;
 use crate::shared::command_line::IndexArguments;
 use crate::shared::export;
 use crate::shared::numbers::grouped;
@@ -36,16 +37,18 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
         }
         picture_file::check_place(output)?;
     }
-    let request = world::resolve(&arguments.inputs);
+    let mut request = world::resolve(&arguments.inputs);
     request.check()?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
+    recording::settings(&mut request).clone_from(&settings);
     let asked = world::asked_attributes(&settings, &request.visibility, &request.cloud_settings);
     let cache = world::cache(&settings.stream)?.keeping(asked);
     terminal::warn(&request.warnings);
     terminal::warn(request.check_filters(&settings)?);
+    terminal::warn(request.settings_without_cloud(half_of(settings.stream.host_bytes)));
     let mut unreadable = Few::of("that cannot be read");
     let mut clouds = Vec::new();
     for input in &request.inputs {

@@ -154,6 +154,7 @@ pub fn run(arguments: &InfoArguments) -> anyhow::Result<u8> {
     for word in &arguments.inputs {
         let request = world::resolve(std::slice::from_ref(word));
         terminal::warn(&request.warnings);
+        terminal::warn(request.settings_without_cloud(DECODER_MEMORY));
         if request.inputs.is_empty() {
             let path = shown(word);
             inputs.push(Entry::Unreadable { error: format!("{path}: no clouds in it"), path });

@@ -45,8 +45,8 @@ struct Job<'a> {
     failed: Few,
 }
 
-/// Prints the measurements. Returns exit status 2 if a file, or a part of one, cannot be read, and 1 if something cannot be measured; both
-/// are reported on standard error.
+/// Prints the measurements. Returns exit status 2 if a file, or a part of one, cannot be read, and 1 if something cannot
+/// be measured; both are reported on standard error.
 ///
 /// # Errors
 /// Bad usage, no file can be read, or Ctrl-C.
@@ -54,14 +54,14 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     let name = shown(&arguments.scene);
     let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
     request.check()?;
-    request.leave_out_hidden()?;
+    let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
+    let memory = world::half_of(settings.stream.host_bytes);
+    request.leave_out_hidden(memory)?;
     terminal::warn(&request.warnings);
     let measurements: Vec<Measurement> = request.measurements().cloned().collect();
     if measurements.is_empty() {
         return Err(usage(format!("{name}: no measurements in it, expected a scene file with [[measurements]]")));
     }
-    let settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
-    let memory = world::half_of(settings.stream.host_bytes);
     terminal::warn(request.check_filters(&settings)?);
     terminal::warn(request.settings_without_cloud(memory));
     let files = request.files();

@@ -32,7 +32,6 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     }
     let mut request = world::resolve(&arguments.inputs);
     request.check()?;
-    request.leave_out_hidden()?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
@@ -47,9 +46,11 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
     }
     let test = request.test();
     recording::settings(&mut request).clone_from(&settings);
+    let memory = world::half_of(settings.stream.host_bytes);
+    request.leave_out_hidden(memory)?;
     terminal::warn(&request.warnings);
     terminal::warn(request.check_filters(&settings)?);
-    terminal::warn(request.settings_without_cloud(world::half_of(settings.stream.host_bytes)));
+    terminal::warn(request.settings_without_cloud(memory));
     let stack = (arguments.copies, arguments.spacing.unwrap_or_default());
     if !stack.1.is_finite() {
         return Err(usage(format!("--spacing {}: expected a finite distance", stack.1)));
@@ -80,7 +81,6 @@ pub fn run(arguments: &ProfileArguments) -> anyhow::Result<u8> {
             status = if is_unusable { UNUSABLE } else { FAILED };
             failed.complain(&format!("{error:#}"));
         };
-        let memory = world::half_of(settings.stream.host_bytes);
         let mut sources = Vec::new();
         for file in files {
             match request.open(input, file, memory).map_err(usage) {

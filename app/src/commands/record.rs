@@ -39,17 +39,16 @@ pub fn run(arguments: &RecordArguments) -> anyhow::Result<u8> {
     }
     let mut request = world::resolve(std::slice::from_ref(&arguments.scene));
     request.check()?;
-    // Nothing is left out: pictures that are there already are known by all inputs.
-    request.clone().leave_out_hidden()?;
     let path = PathChoice::new(arguments.path.as_deref(), &request, Path::new(&arguments.scene))?;
     let all = frames(&path, arguments)?;
     let of_shard = |frame: &u32| arguments.shard.is_none_or(|shard| shard.has(*frame as usize));
     let frames = all.iter().copied().filter(of_shard).collect();
     set(&mut request, arguments)?;
-    // The session warns of what some clouds lack.
+    // The session warns of what some clouds lack, and of settings without a cloud.
     let settings = recording::settings(&mut request).clone();
+    // Nothing is left out: pictures that are there already are known by all inputs.
+    request.clone().leave_out_hidden(world::half_of(settings.stream.host_bytes))?;
     request.check_filters(&settings)?;
-    terminal::warn(request.settings_without_cloud(world::half_of(settings.stream.host_bytes)));
     let averaging = Averaging::new(arguments.subframes, arguments.shutter, arguments.supersample);
     let images = images(arguments, recording::settings(&mut request))?;
     path.check_images(images.len())?;

@@ -120,6 +120,7 @@ impl PathChoice {
             bookmarks: _,
             paths: _,
             warnings: _,
+            names: _,
         } = request.clone();
         let camera = view.and_then(|view| view.camera);
         let mut file = SceneFile {

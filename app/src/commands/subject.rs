@@ -23,6 +23,7 @@ use world::{
     StreamView, mirrors,
 };
 
+use crate::commands::recording;
 use crate::commands::surface_error::{self, SurfaceErrors};
 use crate::overlays::Facts;
 use crate::overlays::labels::Mark;
@@ -81,7 +82,8 @@ pub fn open(
     camera: impl FnOnce(&[DVec3], DVec3, Option<Camera>) -> Camera,
 ) -> anyhow::Result<Result<LoadedSubject, u8>> {
     let names: Vec<String> = request.inputs.iter().map(Input::name).collect();
-    request.leave_out_hidden()?;
+    recording::settings(&mut request).clone_from(settings);
+    request.leave_out_hidden(world::half_of(settings.stream.host_bytes))?;
     terminal::warn(request.check_filters(settings)?.into_iter().chain(world::stray_warning(settings)));
     let exact = request.built_in().map(Exact::five_mirrors);
     request.lights.extend(request.built_in_light());

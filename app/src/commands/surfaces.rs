@@ -14,6 +14,7 @@ use study::referee::{self, Shares, Verdict};
 use study::{HoldOut, Interval, Referee, Ruler, Scan, ScannerFrom, Sightlines};
 use world::Input;
 
+use crate::commands::recording;
 use crate::commands::scans;
 use crate::commands::stats::set_values;
 use crate::commands::subject::{self, LoadedSubject};
@@ -76,16 +77,18 @@ struct Refereed {
 /// # Errors
 /// Fails on bad usage, without an adapter, or on Ctrl-C.
 pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
-    let request = world::resolve(&arguments.inputs);
+    let mut request = world::resolve(&arguments.inputs);
     request.check()?;
     let mut settings = request.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
     for (key, value) in &arguments.set {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     let settings = settings.drawn();
+    recording::settings(&mut request).clone_from(&settings);
     terminal::warn(request.check_filters(&settings)?);
     let gpu = Gpu::headless(arguments.gpu.gpu.as_deref())?;
     terminal::warn(&request.warnings);
+    terminal::warn(request.settings_without_cloud(world::half_of(settings.stream.host_bytes)));
     if request.cloud_settings.iter().any(|own| own.placement().is_some()) {
         terminal::warn([
             "surfaces are judged where the files have them: the scene's moves and turns do not count here",

@@ -130,7 +130,7 @@ pub fn write(
 ) -> Result<Option<Exported>, String> {
     let memory = half_of(settings.stream.host_bytes);
     let (mut sources, mut left_out, mut lost) = (Vec::new(), Vec::new(), Vec::new());
-    let request = Request { cloud_settings: own, ..world::resolve(inputs) };
+    let request = world::resolve_open(inputs, own, settings);
     for input in &request.inputs {
         if input.files().is_empty() {
             return Err(format!("{}: not a file; points of files can be saved", input.name()));
@@ -207,7 +207,35 @@ fn columns(sources: &[Arc<Source>], added: &[(Place, String, Arc<Runs>)]) -> Vec
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+    use scene::Paging;
+
     use super::*;
+
+    #[test]
+    fn tiles_that_are_named_with_their_folder_are_written_once_and_have_the_names_of_the_window() {
+        let folder = tempfile::tempdir().unwrap();
+        let [tiles, table] = ["tiles", "table.csv"].map(|name| folder.path().join(name));
+        std::fs::create_dir(&tiles).unwrap();
+        let whole = PointTest::default();
+        let mut settings = Settings::default();
+        for (name, x) in [("a.las", 0), ("b.las", 1), ("c.las", 9000)] {
+            std::fs::write(&table, format!("x,y,z\n{x},0,0\n{x},1,0\n{x},2,1\n")).unwrap();
+            let path = tiles.join(name);
+            let progress = Progress::default();
+            write(&[shown(&table)], Vec::new(), &whole, &[], &path, &settings, &progress).unwrap().unwrap();
+        }
+        let written = |own: CloudSettings, settings: &Settings, name: &str| {
+            let words = [&tiles, &tiles.join("c.las")].map(shown);
+            let path = folder.path().join(name);
+            write(&words, vec![own], &whole, &[], &path, settings, &Progress::default()).unwrap().unwrap()
+        };
+        let own = CloudSettings { shift: DVec3::Z * 5.0, ..CloudSettings::of("a.las".into()) };
+        let near = written(own.clone(), &settings, "near.las");
+        assert_eq!((near.points, near.bounds.max.z), (9, 1.0));
+        settings.stream.pages = Paging::Never;
+        assert_eq!(written(own, &settings, "never.las").bounds.max.z, 6.0, "each tile is a cloud");
+    }
 
     #[test]
     fn strays_of_more_points_than_fit_into_memory_are_refused() {

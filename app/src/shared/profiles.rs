@@ -12,7 +12,6 @@ use measure::{Placed, PointTree, Section};
 use render::ColorPlan;
 use scene::{CloudSettings, Profile, Settings, shown};
 use serde_json::json;
-use world::Request;
 
 use crate::shared::export::{self, lack};
 use crate::shared::numbers::grouped;
@@ -126,7 +125,7 @@ pub fn write(
 ) -> anyhow::Result<Vec<String>> {
     let (stack, is_watched, keeps_points) = ((0, 0.0), false, true);
     let asked = Asked { profiles, stack, test, settings, is_watched, keeps_points, has_intervals: true };
-    let request = Request { cloud_settings: own, ..world::resolve(inputs) };
+    let request = world::resolve_open(inputs, own, settings);
     let memory = world::half_of(settings.stream.host_bytes);
     let (mut sources, mut left_out, mut lost) = (Vec::new(), Vec::new(), Vec::new());
     for input in &request.inputs {

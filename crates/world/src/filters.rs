@@ -8,7 +8,8 @@ use scene::{ColorBy, Settings, SurfaceRadii, shown};
 
 use crate::error::{Error, Result};
 use crate::half_of;
-use crate::words::{Input, Request};
+use crate::input::Input;
+use crate::words::Request;
 
 /// A cloud by its name, and the attributes that it has.
 pub struct Offer {

@@ -13,12 +13,12 @@ use crate::budget::{half_of, most_preview_points};
 use crate::chunk_key::Part;
 use crate::error::is_of_inputs;
 use crate::event::{Event, IndexState, Opened};
+use crate::input::Input;
 use crate::loader::Loader;
 use crate::mailbox::{Arrival, IndexRequest};
 use crate::reading::Loading;
-use crate::source::{file_name, file_warnings, is_one_file, surfel_options, up_of};
+use crate::source::{called, file_warnings, surfel_options, up_of};
 use crate::task::{CloudTask, TaskKind};
-use crate::words::Input;
 
 /// A streamed cloud while its index is found or made.
 pub(crate) struct StreamedInput {
@@ -180,12 +180,7 @@ impl Loader {
         cloud: usize,
     ) -> Option<StreamedInput> {
         let infos = || sources.iter().map(|source| source.info());
-        let path = match (input, sources.as_slice()) {
-            (Input::Tiles { folder, .. }, [_, _, ..]) => folder.clone(),
-            // The tiles of a catalogue.
-            (Input::File(path), several @ [_, _, ..]) if !is_one_file(several) => path.clone(),
-            _ => infos().next().map(|info| info.path.clone()).unwrap_or_default(),
-        };
+        let (path, name) = called(input, &sources, is_all);
         let is_native = native.is_some();
         let found = native.or_else(|| match self.index_cache().map(|cache| cache.open(&sources)) {
             Ok(Ok(found)) => found,
@@ -210,13 +205,6 @@ impl Loader {
         let mut warnings: Vec<String> = match sources.as_slice() {
             [one] => one.info().warnings.clone(),
             several => several.iter().flat_map(|source| file_warnings(source.info())).collect(),
-        };
-        let name = match sources.as_slice() {
-            [one] => one.info().name(),
-            [first, more @ ..] if !is_all => {
-                format!("{}: {} and {} more", file_name(&path), file_name(&first.info().path), more.len())
-            }
-            _ => file_name(&path),
         };
         let first = infos().next();
         let other = infos().find_map(|info| Some((info, info.system_difference(first?)?)));

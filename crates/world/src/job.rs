@@ -15,12 +15,12 @@ use crate::director::Director;
 use crate::error::Result;
 use crate::event::Event;
 use crate::indexing::StreamedInput;
+use crate::input::Input;
 use crate::loader::Loader;
 use crate::mailbox::Mailbox;
 use crate::reading::Loading;
 use crate::source::parts;
 use crate::tiles::Tiles;
-use crate::words::Input;
 
 /// The number of chunks on their way from the readers to the receiver: enough that neither waits for the other, and at
 /// 65 thousand points of some 30 bytes each no more than 32 MB.

@@ -16,6 +16,7 @@ mod error;
 mod event;
 mod filters;
 mod indexing;
+mod input;
 mod job;
 mod light;
 mod lists;
@@ -41,6 +42,7 @@ pub use chunk_key::{ChunkKey, CloudKey, Part};
 pub use error::{Error, Result};
 pub use event::{Event, IndexEntry, IndexState, Opened, StreamStats};
 pub use filters::{Offer, check_filters, stray_warning};
+pub use input::{Input, built_in_name};
 pub use job::{Job, start, start_unseen};
 pub use light::AutoLight;
 pub use mailbox::{IndexRequest, Mailbox, StreamView};
@@ -53,4 +55,4 @@ pub use source::{
     radii_of_shown, read_cloud, read_column, surfel_options, system_warnings, up_of,
 };
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
-pub use words::{Input, Request, built_in_name, built_in_names, first_scene, no_cloud, resolve};
+pub use words::{KnownNames, Request, built_in_names, first_scene, no_cloud, resolve, resolve_open};

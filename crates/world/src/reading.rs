@@ -12,10 +12,10 @@ use stream::{KeptSurfels, SurfelPlace};
 use crate::budget::half_of;
 use crate::chunk_key::Part;
 use crate::event::{Event, Opened};
+use crate::input::{Input, built_in_name, walls_name};
 use crate::loader::Loader;
 use crate::source::{estimate_description, is_one_file, lost_tiles, open_file, options_for, selection, up, up_of};
 use crate::task::{CloudTask, TaskKind};
-use crate::words::{Input, built_in_name};
 
 /// Normals and radii of fewer points are not kept: a core estimates them within a second.
 const FEWEST_KEPT: u64 = 500_000;
@@ -185,7 +185,7 @@ impl Loader {
             }
             let cloud = *clouds;
             *clouds += 1;
-            let name = format!("{input}, walls");
+            let name = walls_name(variant);
             let lacking = part.chunks.iter().filter(|chunk| chunk.radii.is_none());
             let lacking: Vec<Chunk> = lacking.cloned().collect();
             let bounds = lacking.iter().fold(Bounds::EMPTY, |all, chunk| all.union(chunk.bounds()));

@@ -1,7 +1,7 @@
 //! Opens files of points, and decides which columns are read at once and which later.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::{
@@ -13,6 +13,7 @@ use scene::{CloudSettings, Settings, SurfaceOrientation, SurfaceRadii, UpAxis, V
 use stream::Pages;
 
 use crate::apart::groups;
+use crate::input::Input;
 
 /// The number of points that are read to guess the kind of cloud.
 const KIND_POINTS: u64 = 500_000;
@@ -116,6 +117,25 @@ pub fn parts(
             parts.into_values().map(|sources| (sources, None)).collect()
         }
     }
+}
+
+/// What pictures call a cloud of an input: the path that it comes from, and its name. It has the points of `sources`;
+/// `is_all` says whether the input has no others.
+pub(crate) fn called(input: &Input, sources: &[Arc<codec::Source>], is_all: bool) -> (PathBuf, String) {
+    let path = match (input, sources) {
+        (Input::Tiles { folder, .. }, [_, _, ..]) => folder.clone(),
+        // The tiles of a catalogue.
+        (Input::File(path), several @ [_, _, ..]) if !is_one_file(several) => path.clone(),
+        _ => sources.first().map(|source| source.info().path.clone()).unwrap_or_default(),
+    };
+    let name = match sources {
+        [one] => one.info().name(),
+        [first, more @ ..] if !is_all => {
+            format!("{}: {} and {} more", file_name(&path), file_name(&first.info().path), more.len())
+        }
+        _ => file_name(&path),
+    };
+    (path, name)
 }
 
 /// Whether sources are all of one file.

@@ -16,9 +16,9 @@ use stream::{Again, Node, NodeId, Octree, Pages};
 use crate::budget::half_of;
 use crate::chunk_key::Part;
 use crate::event::{IndexState, Opened};
+use crate::input::Input;
 use crate::mailbox::{Arrival, Mailbox};
 use crate::source::{file_name, open_file, surfel_options, up_of};
-use crate::words::Input;
 
 /// The number of tiles that are opened at once: more than wait for a server, few enough to leave it to others.
 const AT_ONCE: usize = 8;
@@ -218,10 +218,22 @@ impl Tiles {
     /// The tiles of a catalogue or a folder whose boxes, numbers of points and names of COPC files are known; `None` for all
     /// other inputs, which are opened before anything is shown.
     pub(crate) fn of(input: &Input, cloud: usize, settings: &Settings, also: BTreeSet<String>) -> Option<Self> {
+        let (path, tiles) = Self::listed(input, settings)?;
+        // Attributes and units are those of one tile until the others are open.
+        let model = tiles.iter().take(TRIED).find_map(|tile| open_tile(&tile.path, settings).ok())?;
+        Some(Self::new(cloud, path, tiles, model, settings, also))
+    }
+
+    /// Whether the files of an input are such tiles.
+    pub(crate) fn are_of(input: &Input, settings: &Settings) -> bool {
+        Self::listed(input, settings).is_some()
+    }
+
+    fn listed<'a>(input: &'a Input, settings: &Settings) -> Option<(&'a Path, Vec<Tile>)> {
         if settings.stream.pages == Paging::Never {
             return None;
         }
-        let (path, entries) = match input {
+        let (path, entries): (&Path, _) = match input {
             // What is wrong with a catalogue is said where it is opened whole.
             Input::File(path) => (path, codec::tiles_of(path).ok()??),
             Input::Tiles { folder, files } => {
@@ -230,12 +242,7 @@ impl Tiles {
             _ => return None,
         };
         let tiles: Vec<Tile> = entries.into_iter().map(Tile::of).collect::<Option<_>>()?;
-        if tiles.len() < 2 {
-            return None;
-        }
-        // Attributes and units are those of one tile until the others are open.
-        let model = tiles.iter().take(TRIED).find_map(|tile| open_tile(&tile.path, settings).ok())?;
-        Some(Self::new(cloud, path, tiles, model, settings, also))
+        (tiles.len() > 1).then_some((path, tiles))
     }
 
     fn new(

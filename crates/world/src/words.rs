@@ -3,74 +3,20 @@
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use cloud::PointTest;
 use cloud::sampling::Surface;
 use glam::DVec3;
 use scene::{
     Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Object, Paging, Profile, SceneFile,
-    SpotLight, View, Visibility, five_mirrors, shown,
+    Settings, SpotLight, View, Visibility, five_mirrors, shown,
 };
 
 use crate::error::{Error, Result};
-use crate::source::{file_name, open_file, open_placed, parts};
-
-/// An input that a person named.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Input {
-    File(PathBuf),
-    /// A folder with several files that are one cloud.
-    Tiles {
-        folder: PathBuf,
-        /// The files, in the order of their names.
-        files: Vec<PathBuf>,
-    },
-    BuiltIn {
-        variant: five_mirrors::Variant,
-        /// The names of its mirrors that are left out because others have taken their places.
-        without: Vec<String>,
-    },
-    /// A word that names nothing, or a scene file that cannot be read. It keeps its place, and fails when it is loaded.
-    Unknown {
-        name: String,
-        error: String,
-    },
-}
-
-impl Input {
-    /// The name as a person would type it.
-    pub fn name(&self) -> String {
-        match self {
-            Self::File(path) | Self::Tiles { folder: path, .. } => shown(path),
-            Self::BuiltIn { variant, .. } => built_in_name(*variant),
-            Self::Unknown { name, .. } => name.clone(),
-        }
-    }
-
-    /// The files that are read.
-    pub fn files(&self) -> &[PathBuf] {
-        match self {
-            Self::File(path) => std::slice::from_ref(path),
-            Self::Tiles { files, .. } => files,
-            Self::BuiltIn { .. } | Self::Unknown { .. } => &[],
-        }
-    }
-
-    /// Whether it is an address.
-    pub(crate) fn is_far(&self) -> bool {
-        matches!(self, Self::File(path) if codec::is_address(path))
-    }
-
-    /// Whether its files are one cloud, unless some lie apart: a folder or a catalogue.
-    fn has_tiles(&self) -> bool {
-        match self {
-            Self::File(path) => path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("vpc")),
-            Self::Tiles { .. } => true,
-            Self::BuiltIn { .. } | Self::Unknown { .. } => false,
-        }
-    }
-}
+use crate::input::{Input, built_in_name, walls_name};
+use crate::source::{called, file_name, open_file, open_placed, parts};
+use crate::tiles::Tiles;
 
 /// All words of a command line together.
 #[derive(Clone, Debug, Default)]
@@ -97,6 +43,8 @@ pub struct Request {
     /// The camera paths of scene files. Of paths with the same name the last one counts.
     pub paths: Vec<CameraPath>,
     pub warnings: Vec<String>,
+    /// What the clouds of its inputs are called, as far as somebody has asked for it.
+    pub names: KnownNames,
 }
 
 impl Request {
@@ -169,53 +117,50 @@ impl Request {
         all.unwrap_or_default().into_iter().flatten().filter_map(|(surface, _)| rectangle(surface)).collect()
     }
 
-    /// What the cloud that came from `input` and has the name `name` has of its own.
-    fn settings_of(&self, input: &str, name: &str) -> Option<&CloudSettings> {
-        self.cloud_settings.iter().find(|own| own.is_of(input, name))
-    }
-
     /// What the cloud has of its own that a scan of an input is in.
     fn own_of(&self, input: &Input, scan: &codec::Info, memory: u64) -> Option<&CloudSettings> {
-        let alone = self.settings_of(&shown(&scan.path), &scan.name());
-        let is_cloud = |_: &&CloudSettings| !input.has_tiles() || self.is_apart(input, &scan.path, memory);
-        let whole = || self.settings_of(&input.name(), &file_name(Path::new(&input.name())));
-        alone.filter(is_cloud).or_else(whole)
+        if self.cloud_settings.is_empty() {
+            return None;
+        }
+        let alone = [shown(&scan.path), scan.name()];
+        let [path, name] = if input.has_tiles() {
+            let whole = [input.name(), file_name(Path::new(&input.name()))];
+            let begins = |own: &CloudSettings| whole.iter().any(|whole| own.cloud.starts_with(whole));
+            if !self.cloud_settings.iter().any(|own| own.is_of(&alone[0], &alone[1]) || begins(own)) {
+                return None;
+            }
+            self.names_of(input, memory).of(scan).cloned().unwrap_or(alone)
+        } else {
+            alone
+        };
+        self.cloud_settings.iter().find(|own| own.is_of(&path, &name))
     }
 
-    /// Whether a file of a folder or catalogue is a cloud of its own, as when pictures are made: nothing lies near it, or
-    /// the scene streams no clouds.
-    fn is_apart(&self, input: &Input, path: &Path, memory: u64) -> bool {
+    /// What pictures call the clouds of an input. Opens all of its files, once.
+    fn names_of(&self, input: &Input, memory: u64) -> Arc<CloudNames> {
         let settings = self.view.as_ref().map(|view| view.settings.clone()).unwrap_or_default();
-        if settings.stream.pages == Paging::Never {
-            return true;
+        let key = (input.name(), input.files().first().cloned(), settings.stream.pages == Paging::Never);
+        let mut known = self.names.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, names)) = known.iter().find(|(of, _)| *of == key) {
+            return names.clone();
         }
-        let files = input.files().iter().flat_map(|file| open_file(file, memory).unwrap_or_default());
-        let files: Vec<Arc<codec::Source>> = files.collect();
-        // COPC tiles are one cloud wherever they lie.
-        let is_copc = |file: &Arc<codec::Source>| codec::last_part(&file.info().path).ends_with(".copc.laz");
-        if files.iter().all(is_copc) {
-            return false;
-        }
-        let clouds = parts(files, &BTreeSet::new());
-        clouds.iter().any(|(files, _)| matches!(files.as_slice(), [one] if one.info().path == path))
+        let names = Arc::new(cloud_names(input, &settings, memory));
+        known.push((key, names.clone()));
+        names
     }
 
-    /// Warns of settings that no cloud has. Files are opened only if some settings are of none of the inputs.
+    /// Warns of settings that no cloud has. Files are opened only if some settings do not name a file as it was given.
     pub fn settings_without_cloud(&self, memory: u64) -> Vec<String> {
-        let names = |input: &Input| (input.name(), file_name(Path::new(&input.name())));
-        let inputs: Vec<(String, String)> = self.inputs.iter().map(names).collect();
-        let is_of_input = |own: &&CloudSettings| inputs.iter().any(|(input, name)| own.is_of(input, name));
-        let mut left: Vec<&CloudSettings> = self.cloud_settings.iter().filter(|own| !is_of_input(own)).collect();
-        for (input, file) in self.files() {
+        let mut left: Vec<&CloudSettings> = self.cloud_settings.iter().collect();
+        for input in &self.inputs {
+            let given = input.name();
+            left.retain(|own| input.has_tiles() || own.cloud != given);
             if left.is_empty() {
                 break;
             }
-            for source in open_file(&file, memory).unwrap_or_default() {
-                let (path, name) = (&source.info().path, source.info().name());
-                let is_named = left.iter().any(|own| own.is_of(&shown(path), &name));
-                if is_named && (!input.has_tiles() || self.is_apart(&input, path, memory)) {
-                    left.retain(|own| !own.is_of(&shown(path), &name));
-                }
+            match input {
+                Input::BuiltIn { variant, .. } => left.retain(|own| own.cloud != walls_name(*variant)),
+                _ => left.retain(|own| !self.is_of_cloud(own, input, memory)),
             }
         }
         param::few(left.into_iter().map(no_cloud).collect(), "cloud settings without a cloud")
@@ -228,7 +173,7 @@ impl Request {
     pub fn open(&self, input: &Input, file: &Path, memory: u64) -> Result<Vec<Arc<codec::Source>>, String> {
         let placement = |info: &codec::Info| self.own_of(input, info, memory)?.placement();
         let mut sources = open_placed(file, memory, placement)?;
-        if sources.len() > 1 {
+        if sources.len() > 1 || input.has_tiles() {
             let is_on = |info: &codec::Info| self.own_of(input, info, memory).is_none_or(|own| own.on);
             sources.retain(|source| is_on(source.info()));
         }
@@ -241,21 +186,43 @@ impl Request {
         all.map(|(input, file)| (input.clone(), file.clone())).collect()
     }
 
-    /// Leaves out the inputs whose clouds are switched off.
+    /// Leaves out the inputs whose clouds are all switched off. Of the others, `open` leaves out those that are.
     ///
     /// # Errors
     /// If none is left; it names the first few.
-    pub fn leave_out_hidden(&mut self) -> Result<()> {
-        let is_of = |own: &CloudSettings, input: &Input| own.is_of(&input.name(), &file_name(Path::new(&input.name())));
-        let is_on = |input: &Input| self.cloud_settings.iter().all(|own| own.on || !is_of(own, input));
-        let (on, off): (Vec<Input>, Vec<Input>) = std::mem::take(&mut self.inputs).into_iter().partition(is_on);
-        self.inputs = on;
-        if self.inputs.is_empty() && !off.is_empty() {
+    pub fn leave_out_hidden(&mut self, memory: u64) -> Result<()> {
+        let is_off = |input: &Input| self.is_off(input, memory);
+        let (off, on): (Vec<Input>, Vec<Input>) = self.inputs.iter().cloned().partition(is_off);
+        if on.is_empty() && !off.is_empty() {
             let names = off.iter().map(Input::name).collect();
             return Err(Error::AllHidden(param::few(names, "clouds").join(", ")));
         }
-        self.cloud_settings.retain(|own| off.iter().all(|input| !is_of(own, input)));
+        let has = |inputs: &[Input], own: &CloudSettings| {
+            inputs.iter().any(|input| is_named(own, input) || self.is_of_cloud(own, input, memory))
+        };
+        let is_kept = |own: &&CloudSettings| !has(&off, own) || has(&on, own);
+        self.cloud_settings = self.cloud_settings.iter().filter(is_kept).cloned().collect();
+        self.inputs = on;
         Ok(())
+    }
+
+    /// Whether all clouds of an input are switched off. Its files are opened if their names have to be known for that.
+    fn is_off(&self, input: &Input, memory: u64) -> bool {
+        let mut off = self.cloud_settings.iter().filter(|own| !own.on);
+        if off.clone().any(|own| is_named(own, input)) {
+            return true;
+        }
+        if !off.any(|own| may_be_of_cloud(own, input)) {
+            return false;
+        }
+        let names = self.names_of(input, memory);
+        let own = |[path, name]: &[String; 2]| self.cloud_settings.iter().find(|own| own.is_of(path, name));
+        names.all().next().is_some() && names.all().all(|names| own(names).is_some_and(|own| !own.on))
+    }
+
+    /// Whether settings are those of a cloud of an input. Its files are opened if that is not sure without them.
+    fn is_of_cloud(&self, own: &CloudSettings, input: &Input, memory: u64) -> bool {
+        may_be_of_cloud(own, input) && self.names_of(input, memory).all().any(|[path, name]| own.is_of(path, name))
     }
 
     /// Decides which points are shown.
@@ -395,16 +362,29 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     request
 }
 
+/// The inputs that words name, whose clouds are open in the window and have this of their own: `settings` decide what
+/// they are called.
+pub fn resolve_open(words: &[String], own: Vec<CloudSettings>, settings: &Settings) -> Request {
+    let mut request = resolve(words);
+    request.cloud_settings.extend(own);
+    request.view = Some(View { camera: None, settings: settings.clone(), warnings: Vec::new() });
+    request
+}
+
 /// The number of unknown words that get a suggestion.
 const HINTS: usize = 3;
 
-/// Leaves out inputs that are named again, and warns of them.
+/// Leaves out inputs that are named again, also files of folders that are named, and warns of them.
 fn open_once(request: &mut Request) {
+    let is_file = |input: &Input| matches!(input, Input::File(_));
+    let has_files = request.inputs.iter().any(is_file);
+    let folders = request.inputs.iter().filter(|input| has_files && matches!(input, Input::Tiles { .. }));
+    let tiles: HashSet<PathBuf> = folders.flat_map(Input::files).map(|file| whole(file)).collect();
     let mut known = HashSet::new();
     let mut again = Vec::new();
     request.inputs.retain(|input| {
         let Some(place) = place_of(input) else { return true };
-        let is_new = known.insert(place);
+        let is_new = !(is_file(input) && tiles.contains(&place)) && known.insert(place);
         if !is_new && !again.contains(&input.name()) {
             again.push(input.name());
         }
@@ -513,13 +493,87 @@ fn files_beside(path: &Path) -> Vec<String> {
     entries.map(|entry| folder.join(entry.file_name()).to_string_lossy().into_owned()).collect()
 }
 
+/// Whether settings name a whole input whose clouds need not be known for that.
+fn is_named(own: &CloudSettings, input: &Input) -> bool {
+    match input {
+        Input::File(_) if !input.has_tiles() => own.cloud == input.name(),
+        Input::BuiltIn { .. } | Input::Unknown { .. } => {
+            let name = input.name();
+            own.is_of(&name, &file_name(Path::new(&name)))
+        }
+        Input::File(_) | Input::Tiles { .. } => false,
+    }
+}
+
+/// Whether settings may be those of a cloud of an input, as far as that can be said without opening its files.
+fn may_be_of_cloud(own: &CloudSettings, input: &Input) -> bool {
+    let has_name = |path: &Path| {
+        let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+        own.cloud.starts_with(name.as_ref())
+    };
+    let begins = |path: &Path| own.cloud.starts_with(&shown(path)) || has_name(path);
+    match input {
+        // The names of the tiles of a catalogue are in it.
+        Input::File(_) if input.has_tiles() => true,
+        Input::File(path) => begins(path) || path.ends_with("ept.json") && path.parent().is_some_and(begins),
+        Input::Tiles { folder, files } => begins(folder) || files.iter().any(|file| has_name(file)),
+        Input::BuiltIn { .. } | Input::Unknown { .. } => false,
+    }
+}
+
+/// What pictures call the clouds of an input: the path that a cloud comes from, and its name.
+#[derive(Debug, Default)]
+struct CloudNames {
+    /// Those of the only cloud, if they are known without opening its files.
+    only: Option<[String; 2]>,
+    /// Those of the cloud that each scan is in, by its file and its number there.
+    of_scans: BTreeMap<(PathBuf, usize), [String; 2]>,
+}
+
+impl CloudNames {
+    fn of(&self, scan: &codec::Info) -> Option<&[String; 2]> {
+        self.only.as_ref().or_else(|| self.of_scans.get(&(scan.path.clone(), scan.scan_number())))
+    }
+
+    fn all(&self) -> impl Iterator<Item = &[String; 2]> {
+        self.only.iter().chain(self.of_scans.values())
+    }
+}
+
+/// An input by its name and its first file, whether it is opened without streaming, and the names of its clouds.
+type NamesOfInput = ((String, Option<PathBuf>, bool), Arc<CloudNames>);
+
+/// The names of the clouds of those inputs that were asked for.
+#[derive(Clone, Debug, Default)]
+pub struct KnownNames(Arc<Mutex<Vec<NamesOfInput>>>);
+
+/// Finds which clouds the files of an input become. What cannot be opened is in none.
+fn cloud_names(input: &Input, settings: &Settings, memory: u64) -> CloudNames {
+    if Tiles::are_of(input, settings) {
+        let path = input.name();
+        let name = file_name(Path::new(&path));
+        return CloudNames { only: Some([path, name]), ..CloudNames::default() };
+    }
+    let files = input.files().iter().flat_map(|file| open_file(file, memory).unwrap_or_default());
+    let sources: Vec<Arc<codec::Source>> = files.collect();
+    let is_empty = sources.iter().all(|source| source.info().points == 0);
+    let clouds: Vec<Vec<Arc<codec::Source>>> = if settings.stream.pages == Paging::Never || is_empty {
+        sources.into_iter().map(|source| vec![source]).collect()
+    } else {
+        parts(sources, &BTreeSet::new()).into_iter().map(|(sources, _)| sources).collect()
+    };
+    let is_all = clouds.len() == 1;
+    let names = clouds.iter().flat_map(|sources| {
+        let (path, name) = called(input, sources, is_all);
+        let scans = sources.iter().map(|source| (source.info().path.clone(), source.info().scan_number()));
+        scans.map(move |scan| (scan, [shown(&path), name.clone()])).collect::<Vec<_>>()
+    });
+    CloudNames { only: None, of_scans: names.collect() }
+}
+
 /// Says that settings are of no cloud.
 pub fn no_cloud(own: &CloudSettings) -> String {
     format!("cloud settings: no cloud is called `{}`", own.cloud)
-}
-
-pub fn built_in_name(mirror: five_mirrors::Variant) -> String {
-    format!("{}/{}", mirror.family(), mirror.name())
 }
 
 /// The scene that opens when nothing is named.

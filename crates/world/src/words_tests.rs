@@ -197,6 +197,117 @@ fn files_are_moved_as_the_scene_says_of_their_path_or_their_name() {
 }
 
 #[test]
+fn clouds_of_a_folder_that_lie_apart_have_the_names_that_pictures_give_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let tiles = folder.path().join("tiles");
+    std::fs::create_dir(&tiles).unwrap();
+    for (name, x) in [("a.las", 0), ("b.las", 1), ("c.las", 9000)] {
+        let table = folder.path().join(format!("{name}.csv"));
+        std::fs::write(&table, format!("x,y,z\n{x},0,0\n{},1,0\n{},2,1\n", x + 1, x + 2)).unwrap();
+        let source = Arc::new(codec::open(&table).unwrap());
+        let progress = cloud::Progress::default();
+        codec::export(&[source], &Default::default(), &[], &tiles.join(name), 1 << 30, &progress).unwrap().unwrap();
+    }
+    let mut request = resolve(&[&tiles]);
+    let job = start(request.inputs.clone(), &scene::Settings::default(), BTreeSet::new());
+    let named = |event| if let Event::Opened { opened, .. } = event { Some(opened.name) } else { None };
+    let names: Vec<String> = job.events.iter().filter_map(named).take(2).collect();
+    drop(job);
+    assert_eq!(names, ["tiles: a.las and 1 more", "c.las"]);
+    let moved = |request: &Request| -> Vec<Option<f64>> {
+        let scans = request.files().into_iter().flat_map(|(input, file)| request.open(&input, &file, 1 << 30).unwrap());
+        scans.map(|scan| Some(scan.info().placement?.point(glam::DVec3::ZERO).x)).collect()
+    };
+    let own = |name: &str, x: f64| CloudSettings { shift: DVec3::X * x, ..CloudSettings::of(name.to_owned()) };
+    request.cloud_settings = vec![own(&names[0], 1.0), own(&names[1], 2.0)];
+    assert_eq!(moved(&request), [Some(1.0), Some(1.0), Some(2.0)]);
+    assert!(request.settings_without_cloud(1 << 30).is_empty());
+    // A cloud of a single file that is switched off by its name is left out, and only that.
+    request.cloud_settings[1].on = false;
+    request.leave_out_hidden(1 << 30).unwrap();
+    assert_eq!(moved(&request), [Some(1.0), Some(1.0)]);
+    request.cloud_settings.push(own("a.las", 3.0));
+    assert_eq!(request.settings_without_cloud(1 << 30), ["cloud settings: no cloud is called `a.las`"]);
+    // The group has the name of the folder, too, and is left out without the lone tile.
+    let off = |name: &str| CloudSettings { on: false, ..CloudSettings::of(name.to_owned()) };
+    let left = |of: &Request| {
+        let mut request = of.clone();
+        request.leave_out_hidden(1 << 30).map(|()| moved(&request).len())
+    };
+    request.cloud_settings = vec![off(&shown(&tiles))];
+    assert_eq!(left(&request).unwrap(), 1);
+    request.cloud_settings.push(off("c.las"));
+    let error = left(&request).unwrap_err().to_string();
+    assert!(error.ends_with("tiles: the scene hides all of its clouds"), "{error}");
+    // Without streaming each tile is a cloud, and none is called as the folder.
+    let mut view = View { camera: None, settings: scene::Settings::default(), warnings: Vec::new() };
+    view.settings.stream.pages = Paging::Never;
+    request.view = Some(view);
+    assert_eq!(left(&request).unwrap(), 2);
+    request.cloud_settings = ["a.las", "b.las", "c.las"].map(off).to_vec();
+    assert!(left(&request).is_err());
+    // The lone tile is a cloud of the folder, in whatever order both are named.
+    for words in [[tiles.clone(), tiles.join("c.las")], [tiles.join("c.las"), tiles.clone()]] {
+        let both = resolve(&words);
+        assert!(matches!(&both.inputs[..], [Input::Tiles { .. }]), "{:?}", both.inputs);
+        assert!(both.warnings[0].ends_with("c.las: named more than once, and opened once"));
+    }
+}
+
+#[test]
+fn folders_are_opened_for_their_names_only_if_settings_can_be_of_their_clouds() {
+    let folder = tempfile::tempdir().unwrap();
+    let tiles = folder.path().join("tiles");
+    std::fs::create_dir(&tiles).unwrap();
+    std::fs::write(folder.path().join("cloud.ply"), THREE_POINTS).unwrap();
+    let source = Arc::new(codec::open(&folder.path().join("cloud.ply")).unwrap());
+    let export = |name: &str, sources: &[Arc<codec::Source>]| {
+        let progress = cloud::Progress::default();
+        let path = folder.path().join(name);
+        codec::export(sources, &Default::default(), &[], &path, 1 << 30, &progress).unwrap().unwrap();
+    };
+    for name in ["tiles/a.copc.laz", "tiles/b.copc.laz"] {
+        export(name, std::slice::from_ref(&source));
+    }
+    let own = |name: &str, on: bool| CloudSettings { on, shift: DVec3::X, ..CloudSettings::of(name.to_owned()) };
+    let mut request = resolve(&[tiles.clone(), folder.path().join("cloud.ply")]);
+    let is_moved = |request: &Request| -> Vec<bool> {
+        let scans = request.files().into_iter().flat_map(|(input, file)| request.open(&input, &file, 1 << 30).unwrap());
+        scans.map(|scan| scan.info().placement.is_some()).collect()
+    };
+    request.cloud_settings = vec![own("cloud.ply", true), own("elsewhere", false)];
+    assert_eq!(is_moved(&request), [false, false, true]);
+    request.settings_without_cloud(1 << 30);
+    request.leave_out_hidden(1 << 30).unwrap();
+    let known = |request: &Request| -> Vec<(String, usize)> {
+        let known = request.names.0.lock().unwrap();
+        known.iter().map(|((input, ..), names)| (input.clone(), names.of_scans.len())).collect()
+    };
+    assert_eq!(known(&request), [(shown(folder.path().join("cloud.ply")), 1)]);
+    // COPC files that are streamed as tiles are one cloud, which is called as the folder.
+    request.cloud_settings = vec![own("tiles", true), own("a.copc.laz", true)];
+    assert_eq!(is_moved(&request), [true, true, false]);
+    assert_eq!(request.settings_without_cloud(1 << 30), ["cloud settings: no cloud is called `a.copc.laz`"]);
+    assert!(known(&request).contains(&(shown(&tiles), 0)));
+    // Scans of a file have names of their own, and the name of a file with several is none of a cloud.
+    std::fs::write(folder.path().join("other.ply"), THREE_POINTS).unwrap();
+    let other = Arc::new(codec::open(&folder.path().join("other.ply")).unwrap());
+    export("two.e57", &[source, other]);
+    let scans = open_file(&folder.path().join("two.e57"), 1 << 30).unwrap();
+    let names: Vec<String> = scans.iter().map(|scan| scan.info().name()).collect();
+    let mut request = resolve(&[folder.path().join("two.e57")]);
+    request.cloud_settings = vec![own("two.e57", false)];
+    request.leave_out_hidden(1 << 30).unwrap();
+    assert_eq!(is_moved(&request), [false, false]);
+    assert_eq!(request.settings_without_cloud(1 << 30), ["cloud settings: no cloud is called `two.e57`"]);
+    request.cloud_settings = names.iter().map(|name| own(name, false)).collect();
+    assert!(request.leave_out_hidden(1 << 30).is_err());
+    request.cloud_settings[1].on = true;
+    request.leave_out_hidden(1 << 30).unwrap();
+    assert_eq!(is_moved(&request), [true]);
+}
+
+#[test]
 fn settings_of_a_cloud_that_a_folder_stands_for_are_those_of_its_file() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("one")).unwrap();
@@ -216,7 +327,7 @@ fn settings_of_a_cloud_that_a_folder_stands_for_are_those_of_its_file() {
     assert_eq!(request.settings_without_cloud(1 << 30), ["cloud settings: no cloud is called `two`"]);
     std::fs::write(&scene, format!("clouds = [\"one\", \"five-mirrors/none\"]\n{one}on = false\n")).unwrap();
     let mut hidden = resolve(&[&scene]);
-    hidden.leave_out_hidden().unwrap();
+    hidden.leave_out_hidden(1 << 30).unwrap();
     assert!(hidden.inputs.len() == 1 && hidden.settings_without_cloud(1 << 30).is_empty());
 }
 

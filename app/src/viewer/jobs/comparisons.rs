@@ -124,8 +124,7 @@ impl Ends {
             }
             Self::Files(words) => words,
         };
-        let mut request = world::resolve(&words);
-        request.cloud_settings.extend_from_slice(own);
+        let request = world::resolve_open(&words, own.to_vec(), &settings);
         request.check().map_err(|error| error.to_string())?;
         let (mut sources, mut left_out) = (Vec::new(), Vec::new());
         for input in &request.inputs {

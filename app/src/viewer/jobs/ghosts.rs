@@ -9,7 +9,7 @@ use codec::Source;
 use ghost::{Found, Gauge, Kind, Residual, Verdicts};
 use glam::DVec3;
 use scene::{CloudSettings, Mirror, Settings};
-use world::{Request, half_of};
+use world::half_of;
 
 use crate::shared::export::{Place, lack};
 use crate::shared::ghosts::{self, Looked};
@@ -166,7 +166,7 @@ impl GhostWork {
         let memory = half_of(settings.stream.host_bytes);
         match task {
             GhostTask::Look { inputs, own, station, given, finds } => {
-                let sources = open(&inputs, own, memory);
+                let sources = open(&inputs, own, &settings);
                 GhostOutcome::Looked(sources.and_then(|sources| {
                     let (ids, given): (Vec<_>, Vec<_>) = given.into_iter().unzip();
                     let named: Vec<DVec3> = station.into_iter().collect();
@@ -189,8 +189,8 @@ impl GhostWork {
     }
 }
 
-fn open(inputs: &[String], own: Vec<CloudSettings>, memory: u64) -> Result<Vec<Arc<Source>>, String> {
-    let request = Request { cloud_settings: own, ..world::resolve(inputs) };
+fn open(inputs: &[String], own: Vec<CloudSettings>, settings: &Settings) -> Result<Vec<Arc<Source>>, String> {
+    let (request, memory) = (world::resolve_open(inputs, own, settings), half_of(settings.stream.host_bytes));
     let mut sources = Vec::new();
     for input in &request.inputs {
         if input.files().is_empty() {

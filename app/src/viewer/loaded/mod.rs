@@ -12,6 +12,7 @@ mod own_settings;
 mod shown_radii;
 pub mod streams;
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -44,6 +45,8 @@ pub struct Loaded {
     pub awaited_markings: Vec<MirrorPoints>,
     /// What clouds of scene files have of their own that are not open yet.
     pub awaited_settings: Vec<CloudSettings>,
+    /// What was named to be opened, also if it could not be, or was not.
+    pub words: HashSet<String>,
     /// The warnings that were already shown: they are not repeated when figures are renewed.
     pub warned: Vec<String>,
     /// The size of all indexes in bytes, once it is measured.
@@ -113,6 +116,7 @@ impl Loaded {
     pub fn add_job(&mut self, inputs: &[Input], progress: Arc<Progress>, mailbox: Arc<Mailbox>, now: Instant) -> u32 {
         let id = self.next_job;
         self.next_job += 1;
+        self.words.extend(inputs.iter().map(Input::name));
         self.jobs.push(JobEntry::new(id, inputs, progress, mailbox, now));
         id
     }

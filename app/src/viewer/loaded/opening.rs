@@ -202,6 +202,12 @@ impl Loaded {
         self.samples.area_per_point = None;
         self.place_awaited_markings(beside);
         self.end_awaiting();
+        if !self.is_loading() {
+            // What was named and is not there has been reported, or its points were not waited for.
+            let strange = self.settings_of_absent().filter(|own| !self.words.contains(&own.cloud));
+            let strange = strange.map(world::no_cloud).collect();
+            self.warn_once(strange, "cloud settings without a cloud", beside);
+        }
         self.ask_surroundings(beside);
         let visible: Vec<&CloudEntry> = self.clouds.iter().filter(|entry| entry.is_visible).collect();
         let elsewhere = apart(&visible).warnings;

@@ -222,6 +222,35 @@ fn a_filter_of_an_attribute_that_a_cloud_lacks_is_said() {
 }
 
 #[test]
+fn settings_that_name_no_cloud_are_said_once() {
+    let mut session = Session::new(Preferences::default());
+    let own =
+        ["a.ply", "b.ply"].map(|name| scene::CloudSettings { on: false, ..scene::CloudSettings::of(name.into()) });
+    for _ in 0..2 {
+        session.loaded.await_settings(&mut world::Request { cloud_settings: own.to_vec(), ..Default::default() });
+        let job = session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+        let mut load = |event| session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+        load(Event::Opened { cloud: 0, opened: Opened { name: "a.ply".into(), up: DVec3::Z, ..Opened::default() } });
+        load(Event::Chunk { cloud: 0, part: Part::Block(0), chunk: cloud::Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]) });
+        load(Event::Finished);
+    }
+    let said = |session: &Session| -> Vec<String> {
+        session.outside.messages.all.iter().map(|message| message.text.clone()).collect()
+    };
+    assert_eq!(said(&session), ["cloud settings: no cloud is called `b.ply`"]);
+    // What is wrong with a file that was named is said once, and not that no cloud is called as it is.
+    let mut session = Session::new(Preferences::default());
+    session.loaded.await_settings(&mut world::Request { cloud_settings: own.to_vec(), ..Default::default() });
+    let inputs = ["a.ply", "b.ply"].map(|name| world::Input::File(name.into()));
+    let job = session.loaded.add_job(&inputs, Arc::default(), Arc::default(), session.outside.now);
+    let mut load = |event| session.with_loaded(|loaded, beside| loaded.on_loading(job, event, beside));
+    load(Event::Opened { cloud: 0, opened: Opened { name: "a.ply".into(), up: DVec3::Z, ..Opened::default() } });
+    load(Event::Failed { input: "b.ply".into(), error: "b.ply: cut off".into(), is_usage: true });
+    load(Event::Finished);
+    assert_eq!(said(&session), ["b.ply: cut off", "a.ply: has no points"]);
+}
+
+#[test]
 fn what_is_opened_in_an_empty_window_is_no_step_of_undo() {
     let mut session = Session::new(Preferences::default());
     session.step(session.outside.now, false);
