@@ -1,10 +1,12 @@
 //! Moving pictures where the adapter is a processor: `render::QuickPicture` draws them, in the light of the last picture at
 //! rest.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use cloud::PointTest;
+use glam::DVec3;
 use render::{
     Detail, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, ReflectedShare, Renderer,
 };
@@ -22,6 +24,7 @@ pub struct MovingPictures {
     light: Option<(LightInputs, Arc<KnownLight>)>,
     mirrors: Option<Reflections>,
     reflected: ReflectedPace,
+    path: Path,
     /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, its camera,
     /// and its reflections in one another.
     stand: Option<(Vec<Mirror>, Camera, u32)>,
@@ -103,6 +106,51 @@ impl ReflectedPace {
     }
 }
 
+/// The way of the camera through the last moving pictures.
+#[derive(Default)]
+struct Path(VecDeque<(Instant, Camera)>);
+
+impl Path {
+    /// How long a part of the way says how the camera moves.
+    const KNOWN: Duration = Duration::from_millis(150);
+    /// Pictures that are further apart are of two movements.
+    const REST: Duration = Duration::from_millis(400);
+    /// The longest time for which a camera is expected to go on as it goes.
+    const AHEAD: Duration = Duration::from_millis(500);
+
+    fn go_to(&mut self, camera: Camera, now: Instant) {
+        if self.0.back().is_some_and(|(at, _)| now - *at > Self::REST) {
+            self.0.clear();
+        }
+        self.0.push_back((now, camera));
+        while self.0.get(1).is_some_and(|(at, _)| now - *at >= Self::KNOWN) {
+            self.0.pop_front();
+        }
+    }
+
+    /// Where a camera will be after some time if it goes on as through the last pictures: in the same time it steps and
+    /// turns as far, as seen from itself, so that orbits stay orbits.
+    fn ahead(&self, camera: Camera, time: Duration) -> Camera {
+        let (Some((from, before)), Some((to, last))) = (self.0.front(), self.0.back()) else { return camera };
+        if before == last || from == to {
+            return camera;
+        }
+        let turn = last.view_from_world().transpose() * before.view_from_world();
+        let go_on = |place: DVec3| last.eye + turn * (place - before.eye);
+        let steps = time.min(Self::AHEAD).as_secs_f64() / (*to - *from).as_secs_f64();
+        let mut there = camera;
+        for _ in 0..steps.round() as u32 {
+            let next = Camera::from_eye(go_on(there.eye), go_on(there.pivot), there.up);
+            // Who flies to something stops before it.
+            if (next.eye - camera.eye).dot(camera.forward()) > 0.5 * camera.distance() {
+                break;
+            }
+            there = next;
+        }
+        there
+    }
+}
+
 /// What mirrors show in a coarse frame, or in the last picture at rest.
 struct Reflections {
     /// When the coarse frame was begun, or handed over if a picture waited for it, or when a moving picture first showed
@@ -112,10 +160,18 @@ struct Reflections {
     /// The revision of the points, and whether it is that of the picture at rest. Coarse frames may lag behind theirs.
     points: u64,
     is_rest: bool,
-    /// How long the coarse frame took to draw.
+    /// How long the coarse frame took to draw, and until it was done, with the quick pictures that were drawn meanwhile.
     took: Duration,
+    lasted: Duration,
     known: Arc<KnownLight>,
     share: ReflectedShare,
+}
+
+impl Reflections {
+    /// How long after the coarse frame was begun the next one is.
+    fn stays(&self) -> Duration {
+        (self.took * 5).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1])
+    }
 }
 
 /// What is known of what mirrors show in a hurried frame, however long ago.
@@ -174,7 +230,7 @@ impl MovingPictures {
     pub fn is_due(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
         let known = reflections(self.mirrors.as_ref(), request)?;
         let stays = match known.points == request.revision {
-            true => (known.took * 5).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1]),
+            true => known.stays(),
             // Mirrors must not go on to show clouds that are gone, but while points arrive half of the time is for pictures.
             false => known.took * 2,
         };
@@ -203,6 +259,12 @@ impl MovingPictures {
         let most_reflected = Some(self.reflected.most(&request.settings));
         let spared = Spared { divisor, most_points: Some(pixels), most_reflected };
         let mut coarse = FrameRequest { spared: Some(spared), ..request.clone() };
+        if !stands {
+            // It is shown from when it is done until the next one is. It shows what mirrors show in the middle of that time.
+            let known = self.mirrors.as_ref().filter(|known| !known.is_rest);
+            let until = known.map_or(MIRRORS_STAY[0] / 2, |known| known.lasted + known.stays() / 2);
+            coarse.camera = self.path.ahead(request.camera, until);
+        }
         // What mirrors show of one another is missed more than finer pixels.
         if let Some((.., bounces)) = self.stand.as_ref().filter(|_| !stands) {
             let own = &mut coarse.settings.reflection.bounces;
@@ -231,6 +293,7 @@ impl MovingPictures {
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
         }
+        self.path.go_to(request.camera, Instant::now());
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor };
         let known = Known { light, mirrors: shown };
@@ -260,8 +323,10 @@ impl MovingPictures {
         // Compiling is no part of it.
         let milliseconds = if stats.has_compiled { 0.0 } else { stats.frame_milliseconds };
         let took = Duration::try_from_secs_f64(milliseconds * 1e-3).unwrap_or_default();
+        let lasted = since.elapsed().max(took);
         let (since, of, known) = (Some(since), MirrorInputs::new(request), Arc::new(known));
-        self.mirrors = Some(Reflections { since, of, points: request.revision, is_rest: false, took, known, share });
+        let points = request.revision;
+        self.mirrors = Some(Reflections { since, of, points, is_rest: false, took, lasted, known, share });
         Ok(())
     }
 
@@ -286,8 +351,9 @@ impl MovingPictures {
                 let (of, points) = (MirrorInputs::new(request), request.revision);
                 let share = ReflectedShare { pixels: share_of_pixels(request), ..ReflectedShare::ALL };
                 let known = known.clone();
-                let took = Duration::ZERO;
-                self.mirrors = Some(Reflections { since: None, of, points, is_rest: true, took, known, share });
+                let (took, lasted) = (Duration::ZERO, Duration::ZERO);
+                let (since, is_rest) = (None, true);
+                self.mirrors = Some(Reflections { since, of, points, is_rest, took, lasted, known, share });
             }
             self.light = Some((LightInputs::new(request), known)).filter(|_| !is_unlit(request));
         }
@@ -303,9 +369,71 @@ impl MovingPictures {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
+
+    /// The path of a camera that moves evenly, at 20 pictures a second, from a start; and when its last picture was.
+    fn path_of(start: Camera, pictures: u32, step: impl Fn(&mut Camera)) -> (Path, Camera, Instant) {
+        let (mut path, mut camera, mut now) = (Path::default(), start, Instant::now());
+        path.go_to(camera, now);
+        for _ in 0..pictures {
+            step(&mut camera);
+            now += Duration::from_millis(50);
+            path.go_to(camera, now);
+        }
+        (path, camera, now)
+    }
+
+    #[test]
+    fn a_camera_is_expected_to_go_on_as_it_goes() {
+        let start = Camera::from_eye(DVec3::new(4.0, -3.0, 2.0), DVec3::new(0.5, 0.0, 1.0), DVec3::Z);
+        let about = DVec3::new(2.0, 1.0, 0.0);
+        let movements: [&dyn Fn(&mut Camera); 5] = [
+            &|camera| camera.orbit(0.06, 0.0),
+            &|camera| camera.orbit_about(about, -0.08, 0.0),
+            &|camera| camera.look(0.05, 0.0),
+            &|camera| camera.fly(DVec3::new(0.1, 0.05, -0.02)),
+            &|_| {},
+        ];
+        for (number, step) in movements.into_iter().enumerate() {
+            let (path, camera, _) = path_of(start, 8, step);
+            let there = path.ahead(camera, Duration::from_millis(450));
+            let mut expected = camera;
+            (0..9).for_each(|_| step(&mut expected));
+            let apart = [there.eye - expected.eye, there.forward() - expected.forward()].map(DVec3::length);
+            assert!(apart[0].max(apart[1]) < 1e-9, "movement {number}: {apart:?}");
+            assert_eq!(path.ahead(camera, Duration::ZERO), camera);
+        }
+    }
+
+    #[test]
+    fn a_camera_is_expected_nowhere_far_from_where_it_is() {
+        let start = Camera::from_eye(DVec3::new(0.0, -8.0, 0.0), DVec3::ZERO, DVec3::Z);
+        // Nobody flies through what they look at.
+        let (path, camera, _) = path_of(start, 3, |camera| camera.fly(DVec3::new(0.0, 0.0, 1.0)));
+        let there = path.ahead(camera, Duration::from_secs(9));
+        let way = camera.eye.distance(there.eye);
+        assert!((0.1..=0.5).contains(&(way / camera.distance())), "{way} of {}", camera.distance());
+        // A hand turns around before long.
+        let (path, camera, _) = path_of(start, 3, |camera| camera.orbit(0.01, 0.0));
+        assert_eq!(path.ahead(camera, Duration::from_secs(9)), path.ahead(camera, Path::AHEAD));
+    }
+
+    #[test]
+    fn after_a_rest_another_movement_begins() {
+        let start = Camera::from_eye(DVec3::new(4.0, -3.0, 2.0), DVec3::ZERO, DVec3::Z);
+        let (mut path, mut camera, now) = path_of(start, 5, |camera| camera.orbit(0.06, 0.0));
+        path.go_to(camera, now + Duration::from_secs(1));
+        assert_eq!(path.ahead(camera, Path::AHEAD), camera);
+        // The way before a turn is forgotten soon.
+        for picture in 1..=4 {
+            camera.orbit(-0.02, 0.0);
+            path.go_to(camera, now + Duration::from_secs(1) + picture * Duration::from_millis(60));
+        }
+        let mut expected = camera;
+        (0..6).for_each(|_| expected.orbit(-0.02, 0.0));
+        let apart = path.ahead(camera, Duration::from_millis(360)).eye.distance(expected.eye);
+        assert!(apart < 1e-9, "{apart}");
+    }
 
     #[test]
     fn mirrors_show_one_another_in_coarse_frames_of_moving_cameras_as_often_as_at_rest_but_twice_at_most() {
