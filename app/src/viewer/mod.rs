@@ -229,7 +229,7 @@ struct Viewer {
     next_paint: Option<Instant>,
     /// Whether the program itself asked the window for a paint, and the system did not.
     is_asked: Cell<bool>,
-    /// When the window was painted last, if nothing had changed.
+    /// When the window was painted last, if nothing had changed or a frame is being drawn.
     idle_paint: Option<Instant>,
     title: String,
     /// Recordings of the window; of the last one the window may still take pictures.
@@ -249,7 +249,8 @@ struct Viewer {
 /// The window is painted at most this often while chunks are loaded.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
 /// After a paint that changed nothing, moves of the mouse and animations cause the next one no sooner than this: no screen
-/// holds back such paints. While a frame is drawn, which needs the processors, they can wait longer.
+/// holds back such paints. While a frame is drawn, which needs the processors, they can wait longer after every paint: the
+/// frame is painted as soon as it comes.
 const IDLE_PAINT_INTERVALS: [Duration; 2] = [Duration::from_millis(12), Duration::from_millis(30)];
 /// A dialog that ends sooner than this was never shown: the system has no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);
@@ -365,7 +366,8 @@ impl ApplicationHandler<Wake> for Viewer {
             _ => {}
         }
         if screen.input.on_window_event(&screen.window, &event).repaint {
-            let idle = self.idle_paint.filter(|_| matches!(event, WindowEvent::CursorMoved { .. }));
+            let moves = matches!(event, WindowEvent::CursorMoved { .. } | WindowEvent::MouseWheel { .. });
+            let idle = self.idle_paint.filter(|_| moves);
             let since = idle.map(|at| self.session.outside.now.saturating_duration_since(at));
             match since.map_or(Duration::ZERO, |since| idle_interval(&self.session).saturating_sub(since)) {
                 Duration::ZERO => self.request_paint(),
@@ -494,12 +496,15 @@ impl Viewer {
         match painted {
             Painted::Next { delay, is_new, .. } => {
                 self.log.on_painted();
-                self.idle_paint = (!is_new).then(Instant::now);
+                let is_drawing = session.frames.under_way > 0;
+                let pause = (!is_new || is_drawing).then(|| idle_interval(session));
+                self.idle_paint = pause.map(|_| Instant::now());
                 let delay = again.map_or(delay, |again| delay.min(again));
-                let delay = if is_new { delay } else { delay.max(idle_interval(session)) };
+                let delay = if is_changed && is_drawing { Duration::ZERO } else { delay };
+                let delay = pause.map_or(delay, |pause| delay.max(pause));
                 let delay = capture.map_or(delay, |capture| delay.min(capture));
                 self.next_paint = Instant::now().checked_add(delay);
-                must_follow = delay.is_zero() || is_changed;
+                must_follow = delay.is_zero() || is_changed && !is_drawing;
             }
             Painted::Again => must_follow = true,
             Painted::Lost => {
