@@ -496,15 +496,14 @@ impl Viewer {
         match painted {
             Painted::Next { delay, is_new, .. } => {
                 self.log.on_painted();
-                let is_drawing = session.frames.under_way > 0;
-                let pause = (!is_new || is_drawing).then(|| idle_interval(session));
+                let pause = (!is_new || session.frames.under_way > 0).then(|| idle_interval(session));
                 self.idle_paint = pause.map(|_| Instant::now());
                 let delay = again.map_or(delay, |again| delay.min(again));
-                let delay = if is_changed && is_drawing { Duration::ZERO } else { delay };
+                let delay = if is_changed { Duration::ZERO } else { delay };
                 let delay = pause.map_or(delay, |pause| delay.max(pause));
                 let delay = capture.map_or(delay, |capture| delay.min(capture));
                 self.next_paint = Instant::now().checked_add(delay);
-                must_follow = delay.is_zero() || is_changed && !is_drawing;
+                must_follow = delay.is_zero();
             }
             Painted::Again => must_follow = true,
             Painted::Lost => {

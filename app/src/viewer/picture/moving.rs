@@ -130,9 +130,9 @@ impl Path {
 
     /// Where a camera will be after some time if it goes on as through the last pictures: in the same time it steps and
     /// turns as far, as seen from itself, so that orbits stay orbits.
-    fn ahead(&self, camera: Camera, time: Duration) -> Camera {
+    fn ahead(&self, camera: Camera, now: Instant, time: Duration) -> Camera {
         let (Some((from, before)), Some((to, last))) = (self.0.front(), self.0.back()) else { return camera };
-        if before == last || from == to {
+        if before == last || from == to || now - *to > Self::REST {
             return camera;
         }
         let turn = last.view_from_world().transpose() * before.view_from_world();
@@ -263,7 +263,7 @@ impl MovingPictures {
             // It is shown from when it is done until the next one is. It shows what mirrors show in the middle of that time.
             let known = self.mirrors.as_ref().filter(|known| !known.is_rest);
             let until = known.map_or(MIRRORS_STAY[0] / 2, |known| known.lasted + known.stays() / 2);
-            coarse.camera = self.path.ahead(request.camera, until);
+            coarse.camera = self.path.ahead(request.camera, Instant::now(), until);
         }
         // What mirrors show of one another is missed more than finer pixels.
         if let Some((.., bounces)) = self.stand.as_ref().filter(|_| !stands) {
@@ -395,13 +395,13 @@ mod tests {
             &|_| {},
         ];
         for (number, step) in movements.into_iter().enumerate() {
-            let (path, camera, _) = path_of(start, 8, step);
-            let there = path.ahead(camera, Duration::from_millis(450));
+            let (path, camera, now) = path_of(start, 8, step);
+            let there = path.ahead(camera, now, Duration::from_millis(450));
             let mut expected = camera;
             (0..9).for_each(|_| step(&mut expected));
             let apart = [there.eye - expected.eye, there.forward() - expected.forward()].map(DVec3::length);
             assert!(apart[0].max(apart[1]) < 1e-9, "movement {number}: {apart:?}");
-            assert_eq!(path.ahead(camera, Duration::ZERO), camera);
+            assert_eq!(path.ahead(camera, now, Duration::ZERO), camera);
         }
     }
 
@@ -409,21 +409,23 @@ mod tests {
     fn a_camera_is_expected_nowhere_far_from_where_it_is() {
         let start = Camera::from_eye(DVec3::new(0.0, -8.0, 0.0), DVec3::ZERO, DVec3::Z);
         // Nobody flies through what they look at.
-        let (path, camera, _) = path_of(start, 3, |camera| camera.fly(DVec3::new(0.0, 0.0, 1.0)));
-        let there = path.ahead(camera, Duration::from_secs(9));
+        let (path, camera, now) = path_of(start, 3, |camera| camera.fly(DVec3::new(0.0, 0.0, 1.0)));
+        let there = path.ahead(camera, now, Duration::from_secs(9));
         let way = camera.eye.distance(there.eye);
         assert!((0.1..=0.5).contains(&(way / camera.distance())), "{way} of {}", camera.distance());
         // A hand turns around before long.
-        let (path, camera, _) = path_of(start, 3, |camera| camera.orbit(0.01, 0.0));
-        assert_eq!(path.ahead(camera, Duration::from_secs(9)), path.ahead(camera, Path::AHEAD));
+        let (path, camera, now) = path_of(start, 3, |camera| camera.orbit(0.01, 0.0));
+        assert_eq!(path.ahead(camera, now, Duration::from_secs(9)), path.ahead(camera, now, Path::AHEAD));
     }
 
     #[test]
     fn after_a_rest_another_movement_begins() {
         let start = Camera::from_eye(DVec3::new(4.0, -3.0, 2.0), DVec3::ZERO, DVec3::Z);
         let (mut path, mut camera, now) = path_of(start, 5, |camera| camera.orbit(0.06, 0.0));
+        assert_ne!(path.ahead(camera, now, Path::AHEAD), camera);
+        assert_eq!(path.ahead(camera, now + Duration::from_secs(1), Path::AHEAD), camera);
         path.go_to(camera, now + Duration::from_secs(1));
-        assert_eq!(path.ahead(camera, Path::AHEAD), camera);
+        assert_eq!(path.ahead(camera, now, Path::AHEAD), camera);
         // The way before a turn is forgotten soon.
         for picture in 1..=4 {
             camera.orbit(-0.02, 0.0);
@@ -431,7 +433,7 @@ mod tests {
         }
         let mut expected = camera;
         (0..6).for_each(|_| expected.orbit(-0.02, 0.0));
-        let apart = path.ahead(camera, Duration::from_millis(360)).eye.distance(expected.eye);
+        let apart = path.ahead(camera, now, Duration::from_millis(360)).eye.distance(expected.eye);
         assert!(apart < 1e-9, "{apart}");
     }
 
