@@ -33,12 +33,6 @@ impl ColumnType {
         }
     }
 
-    /// The number that stands for `number` in a column of this type, as far as it is one of floats: 0.3 as f32 is a little more
-    /// than 0.3 as f64, and both are written as 0.3.
-    pub fn rounded(self, number: f64) -> f64 {
-        if self == Self::F32 { f64::from(number as f32) } else { number }
-    }
-
     /// Whether all values are whole numbers.
     pub fn is_whole(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
@@ -65,6 +59,37 @@ impl ColumnType {
             Self::U32 | Self::I32 | Self::F32 => 4,
             Self::U64 | Self::I64 | Self::F64 => 8,
         }
+    }
+}
+
+/// The values from `low` to `high` in a column of one type. A value that differs from an end by rounding alone is inside:
+/// 0.3 as f32 is a little more than 0.3, and 57 steps of 0.01 are a little more than 0.57.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ValueRange {
+    low: f64,
+    high: f64,
+    /// The ends as f32 has them.
+    singles: [f64; 2],
+}
+
+impl ValueRange {
+    pub fn new(column_type: ColumnType, low: f64, high: f64) -> Self {
+        let single = |end: f64| f64::from(end as f32);
+        // A step and its multiple are rounded by half of an epsilon each.
+        let slack = |end: f64| if end.is_finite() { 2.0 * f64::EPSILON * end.abs() } else { 0.0 };
+        // A column of f64 may hold numbers of f32: those of another file, or of other points.
+        let written_alike = |end: f64| if (end as f32).to_string() == end.to_string() { single(end) } else { end };
+        match column_type {
+            ColumnType::F32 => Self { low: single(low), high: single(high), singles: [single(low), single(high)] },
+            ColumnType::F64 => {
+                Self { low: low - slack(low), high: high + slack(high), singles: [low, high].map(written_alike) }
+            }
+            _ => Self { low, high, singles: [low, high] },
+        }
+    }
+
+    pub fn contains(&self, value: f64) -> bool {
+        (self.low..=self.high).contains(&value) || self.singles.contains(&value)
     }
 }
 
@@ -230,5 +255,25 @@ mod tests {
         };
         assert_eq!((shown(0.1, 0.3), shown(-20.034, 19.95), shown(0.3, 0.3)), (2, 4, 1));
         assert_eq!((shown(0.100_001, 0.299_999), shown(f64::NEG_INFINITY, -20.0)), (0, 1));
+    }
+
+    #[test]
+    fn rounding_alone_puts_no_value_outside_of_a_range() {
+        let is_within = |column_type, low, high, value| ValueRange::new(column_type, low, high).contains(value);
+        use ColumnType::{F64, U32};
+        // Numbers of a file that has steps of a scale.
+        assert!((1..1000_u32).all(|steps| {
+            let end: f64 = format!("0.{steps:03}").parse().unwrap();
+            is_within(F64, end, end, f64::from(steps) * 0.001) && is_within(F64, -end, -end, f64::from(steps) * -0.001)
+        }));
+        // Numbers of f32 among those of f64, on both sides of the end.
+        for (end, f32_value) in [(0.3, 0.3_f32), (19.95, 19.95), (-20.034, -20.034)] {
+            assert!(is_within(F64, end, end, f32_value.into()) && is_within(F64, end, end, end), "{end}");
+        }
+        // Others are as far apart as they are written.
+        assert!(!is_within(F64, 0.0, 0.3, 0.300_000_005) && !is_within(F64, 0.570_000_000_000_01, 1.0, 0.57));
+        assert!(!is_within(F64, 300_000_000.123, f64::INFINITY, 300_000_000.0));
+        assert!(!is_within(U32, 16_777_217.0, f64::INFINITY, 16_777_216.0));
+        assert!(is_within(F64, f64::NEG_INFINITY, f64::INFINITY, 1e300) && !is_within(F64, 0.0, 1.0, f64::NAN));
     }
 }

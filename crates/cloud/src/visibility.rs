@@ -9,7 +9,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::cells::Cells;
-use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, Volume, attribute_named, stray_kind};
+use crate::{Attribute, Bounds, Chunk, Cloud, Column, Cover, Grid, ValueRange, Volume, attribute_named, stray_kind};
 
 /// The name of the attribute that classes are.
 const CLASSES: &str = "classification";
@@ -212,8 +212,7 @@ impl PointTest {
     pub fn of(&self, layout: &CloudLayout) -> ChunkTest {
         let filters = self.rule.filters.iter().filter_map(|filter| {
             let column = attribute_named(&layout.attributes, &filter.attribute)?;
-            let [low, high] = [filter.low, filter.high].map(|end| layout.attributes[column].column_type.rounded(end));
-            Some((column, low, high))
+            Some((column, ValueRange::new(layout.attributes[column].column_type, filter.low, filter.high)))
         });
         let (filters, classes) = (filters.collect(), layout.class_column().filter(|_| self.hides_classes()));
         let (hidden_kinds, grid) = (self.hidden_kinds(&layout.attributes), layout.grid);
@@ -243,8 +242,8 @@ pub struct ChunkTest {
     test: PointTest,
     /// The column with the classes, if any class is hidden.
     classes: Option<usize>,
-    /// Columns and the ranges of their values, as the column's type keeps numbers.
-    filters: Vec<(usize, f64, f64)>,
+    /// Columns and the ranges of their values.
+    filters: Vec<(usize, ValueRange)>,
     /// Which kinds of `stray_kind` are hidden.
     hidden_kinds: [bool; 3],
     grid: Option<Grid>,
@@ -267,9 +266,10 @@ impl ChunkTest {
         let is_hidden = |radii: &Arc<Vec<u16>>| self.hidden_kinds[usize::from(stray_kind(radii[index]))];
         chunk.class(self.classes, index).is_none_or(|class| self.test.shows_class(class))
             && !(self.hidden_kinds != [false; 3] && chunk.radii.as_ref().is_some_and(is_hidden))
-            && self.filters.iter().all(|(filtered, low, high)| {
-                column(*filtered).is_none_or(|column| (*low..=*high).contains(&column.value(index)))
-            })
+            && self
+                .filters
+                .iter()
+                .all(|(filtered, range)| column(*filtered).is_none_or(|column| range.contains(column.value(index))))
     }
 
     /// Which points of a chunk are shown; `bounds` are those of its points.

@@ -2,7 +2,7 @@
 //! part by an attribute, or a whole cloud. Reflections magnify the errors of normals, so the points may get smoother
 //! ones.
 
-use cloud::{Chunk, Cloud};
+use cloud::{Chunk, Cloud, ValueRange};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -77,8 +77,8 @@ impl PointChoice {
             let index = self.attribute().and_then(|name| cloud.column_of(name));
             match index.and_then(|index| chunk.columns.get(index)?.as_deref()) {
                 Some(column) => {
-                    let [low, high] = [low, high].map(|end| column.column_type().rounded(end));
-                    (0..column.len()).map(|i| (low..=high).contains(&column.value(i))).collect()
+                    let range = ValueRange::new(column.column_type(), low, high);
+                    (0..column.len()).map(|index| range.contains(column.value(index))).collect()
                 }
                 None => vec![false; chunk.len()],
             }
