@@ -275,6 +275,8 @@ fn tiles_of_ept_that_cannot_be_read_are_bad_input_in_every_command() {
         "scene.toml",
         "clouds = ['ept']\n[[measurements]]\nkind = 'distance'\npoints = [[515380.0, 4918340.0, 2330.0], [515390.0, 4918340.0, 2330.0]]\n",
     );
+    let clip = "shape = 'box'\nposition = [515385.0, 4918345.0, 2330.0]\nsize = [10.0, 10.0, 100.0]\nkeep = 'inside'\n";
+    folder.write("near.toml", format!("clouds = ['ept']\n[[clips]]\n{clip}"));
     let commands = [
         "info ept".to_owned(),
         "render ept -o a.png --size 64x48 --set stream.pages=never --set light.by=headlight".to_owned(),
@@ -284,6 +286,8 @@ fn tiles_of_ept_that_cannot_be_read_are_bad_input_in_every_command() {
         "export ept -o ept.laz".to_owned(),
         format!("compare ept {whole}"),
         format!("compare {whole} ept"),
+        "ghosts ept --station 515380,4918340,2400".to_owned(),
+        "surfaces near.toml".to_owned(),
     ];
     let number = format!("{},{:03} points", points / 1000, points % 1000);
     for words in commands {

@@ -48,17 +48,16 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     if sources.is_empty() {
         return Ok(status);
     }
-    let missing = codec::missing_points(&sources);
-    if missing > 0 {
-        terminal::complain(&format!("ghosts are looked for in parts: {} points cannot be read", grouped(missing)));
-        status = UNUSABLE;
-    }
     let (progress, finds) = (Progress::default(), given.is_empty());
     let given = given.into_iter().map(Found::given).collect();
     let look = || ghosts::look(&sources, &arguments.station, given, finds, &progress);
     let looked = progress_bar::watch("ghosts", &progress, look)?.ok_or(stream::Error::Cancelled)?;
-    let Looked { stations, found, verdicts, warnings, .. } = looked;
+    let Looked { stations, found, verdicts, warnings, missing, .. } = looked;
     terminal::warn(warnings);
+    if missing > 0 {
+        terminal::complain(&format!("ghosts are looked for in parts: {} points cannot be read", grouped(missing)));
+        status = UNUSABLE;
+    }
     let put_back = verdicts.count(Kind::Ghost) * u64::from(arguments.put_back);
     if let Some(output) = &arguments.output {
         let progress = Progress::default();

@@ -11,6 +11,9 @@ use world::Input;
 use crate::system::failure::usage;
 use crate::system::{progress_bar, terminal};
 
+/// A scan, and the number of its points that cannot be read.
+pub type Found = anyhow::Result<(Scan, u64)>;
+
 /// The attributes that tell where a scan was taken from.
 const OF_SCANNER: [&str; 2] = ["return_number", "gps_time"];
 
@@ -22,7 +25,7 @@ const BYTES_A_POINT: u64 = 400;
 ///
 /// # Errors
 /// If one cannot be read or is larger than the memory that clouds may take.
-pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(String, anyhow::Result<Scan>)> {
+pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(String, Found)> {
     match input {
         Input::File(_) | Input::Tiles { .. } => {
             input.files().iter().flat_map(|path| of_file(path, test, settings)).collect()
@@ -38,13 +41,13 @@ pub fn of_input(input: &Input, test: &PointTest, settings: &Settings) -> Vec<(St
             let parts = five_mirrors::sample(*variant, points.into(), seed.into()).into_iter();
             let seen = parts.filter(|part| sees_mirrors || part.mirror.is_none());
             cloud.chunks.extend(seen.flat_map(|part| part.chunks));
-            vec![(input.name(), Ok(Scan { cloud, up: camera.up, places }))]
+            vec![(input.name(), Ok((Scan { cloud, up: camera.up, places }, 0)))]
         }
         Input::Unknown { name, error } => vec![(name.clone(), Err(usage(error.clone())))],
     }
 }
 
-fn of_file(path: &Path, test: &PointTest, settings: &Settings) -> Vec<(String, anyhow::Result<Scan>)> {
+fn of_file(path: &Path, test: &PointTest, settings: &Settings) -> Vec<(String, Found)> {
     let sources = match world::open_file(path, world::half_of(settings.stream.host_bytes)) {
         Ok(sources) => sources,
         Err(error) => return vec![(shown(path), Err(usage(error)))],
@@ -57,7 +60,7 @@ fn of_file(path: &Path, test: &PointTest, settings: &Settings) -> Vec<(String, a
     lost.chain(sources.iter().map(|source| (name(source.info()), of_source(source, test, settings)))).collect()
 }
 
-fn of_source(source: &codec::Source, test: &PointTest, settings: &Settings) -> anyhow::Result<Scan> {
+fn of_source(source: &codec::Source, test: &PointTest, settings: &Settings) -> Found {
     let info = source.info();
     let path = &info.path;
     let (points, most) = (info.points, settings.stream.host_bytes.0 / BYTES_A_POINT);
@@ -71,15 +74,15 @@ fn of_source(source: &codec::Source, test: &PointTest, settings: &Settings) -> a
     let progress = Progress::default();
     let attributes: Vec<&str> = OF_SCANNER.into_iter().chain(test.filtered()).collect();
     let read = || world::read_cloud(source, &attributes, settings, &progress);
-    let (cloud, warnings) = progress_bar::watch("reading", &progress, read)?;
+    let (cloud, summary) = progress_bar::watch("reading", &progress, read)?;
     crate::system::interrupt::check()?;
-    terminal::warn(warnings.iter().map(|warning| format!("{}: {warning}", shown(path))));
+    terminal::warn(summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path))));
     if cloud.chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| chunk.position(at))).all(|at| !at.is_finite()) {
         return Err(usage(format!("{}: no points in it", shown(path))));
     }
     let up: DVec3 = world::up_of(info, settings);
     let places = info.scanner().into_iter().collect();
-    Ok(Scan { cloud: cloud.shown(test), up, places })
+    Ok((Scan { cloud: cloud.shown(test), up, places }, info.missing.saturating_add(summary.missing)))
 }
 
 #[cfg(test)]
@@ -93,7 +96,7 @@ mod tests {
         settings.scene.points = 2000;
         let input = Input::BuiltIn { variant, without: Vec::new() };
         let (_, scan) = of_input(&input, &PointTest::default(), &settings).remove(0);
-        let scan = scan.unwrap();
+        let (scan, _) = scan.unwrap();
         assert_eq!((scan.places.len(), scan.up), (2, DVec3::Z));
         // A mirror has 20,000 points at least.
         assert!((1500..2500).contains(&scan.cloud.len()), "{}", scan.cloud.len());

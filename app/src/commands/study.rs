@@ -236,7 +236,7 @@ impl Scenes for Inputs {
         let mut scans: Vec<_> = request.inputs.iter().flat_map(read).collect();
         match (scans.pop(), scans.is_empty()) {
             (Some((_, scan)), true) => {
-                let (scan, progress) = (scan?, Progress::default());
+                let ((scan, _), progress) = (scan?, Progress::default());
                 let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, scan.scanner(), settings);
                 Ruler::new(&scan, HoldOut::default(), &[], options, settings, gpu, &progress)
             }

@@ -19,6 +19,7 @@ use crate::commands::scans;
 use crate::commands::stats::set_values;
 use crate::commands::subject::{self, LoadedSubject};
 use crate::shared::command_line::SurfacesArguments;
+use crate::shared::export;
 use crate::shared::numbers::grouped;
 use crate::system::failure::{self, FAILED, UNUSABLE};
 use crate::system::terminal::{self, Few, print};
@@ -72,7 +73,7 @@ struct Refereed {
     set: BTreeMap<String, serde_json::Value>,
 }
 
-/// Judges all inputs. Returns exit status 2 if one of them cannot be read or judged, and says so on standard error.
+/// Judges all inputs. Returns exit status 2 if one of them cannot be read in full or judged, and says so on standard error.
 ///
 /// # Errors
 /// Fails on bad usage, without an adapter, or on Ctrl-C.
@@ -95,7 +96,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
         ]);
     }
     let mut renderer = Renderer::new(gpu.clone())?;
-    let (mut inputs, mut status) = (Vec::new(), 0);
+    let (mut inputs, mut status, mut missing) = (Vec::new(), 0, 0);
     let mut failed = Few::of("that cannot be judged");
     for input in &request.inputs {
         if let Input::BuiltIn { variant: Variant::Tripod(scan), .. } = input {
@@ -107,7 +108,10 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
             continue;
         }
         for (path, scan) in scans::of_input(input, &request.test(), &settings) {
-            let judged = scan.and_then(|scan| judge(&path, &scan, arguments, &settings, &gpu, &mut renderer));
+            let judged = scan.and_then(|(scan, lacking)| {
+                missing += lacking;
+                judge(&path, &scan, arguments, &settings, &gpu, &mut renderer)
+            });
             interrupt::check()?;
             inputs.push(judged.map_or_else(
                 |error| {
@@ -125,7 +129,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
     let report = Report { inputs };
     if arguments.json {
         terminal::print_json(&report)?;
-        return Ok(status);
+        return Ok(export::say_missing(missing, status));
     }
     let mut separator = None;
     for entry in &report.inputs {
@@ -136,7 +140,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
         };
         print(separator.replace(String::new()).into_iter().chain(lines))?;
     }
-    Ok(status)
+    Ok(export::say_missing(missing, status))
 }
 
 fn judge(
@@ -213,7 +217,7 @@ fn referee(
     drop(subject);
     let mut intervals = Vec::new();
     for (_, scan) in scans::of_input(input, &PointTest::default(), &settings) {
-        intervals = ruler(&scan?, &[], arguments, &settings, gpu)?.traced_with_intervals()?.1;
+        intervals = ruler(&scan?.0, &[], arguments, &settings, gpu)?.traced_with_intervals()?.1;
     }
     let said: Vec<&str> = arguments.set.iter().map(|(key, _)| key.as_str()).collect();
     Ok(Refereed {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
@@ -28,6 +29,8 @@ pub struct Looked {
     pub gauge: Arc<Gauge>,
     pub verdicts: Verdicts,
     pub warnings: BTreeSet<String>,
+    /// The number of points that the files promise, and that could not be read.
+    pub missing: u64,
 }
 
 /// Finds ghosts by the mirrors that are given, and by those that are found besides them if that is wanted. Stations that are
@@ -43,7 +46,7 @@ pub fn look(
     progress: &Progress,
 ) -> anyhow::Result<Option<Looked>> {
     let (stations, of_file) = stations(sources, named)?;
-    let files = Files { sources, of_file: &of_file, progress, warnings: Mutex::default() };
+    let files = Files { sources, of_file: &of_file, progress, warnings: Mutex::default(), missing: AtomicU64::new(0) };
     let total: u64 = sources.iter().map(|source| source.info().points).sum();
     progress.set_total(5 * total);
     let extent = Extent::of(&files, total)?.ok_or_else(|| usage("there are no points among which ghosts could be"))?;
@@ -61,8 +64,9 @@ pub fn look(
     progress.set_total(progress.done() + if has_pane { 5 } else { 3 } * total);
     let verdicts = ghost::judge(&files, &stations, &mirrors, extent, 0.0, progress)?;
     let warnings = files.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let missing = codec::missing_points(sources).saturating_add(files.missing.into_inner());
     let gauge = Arc::new(gauge);
-    Ok(verdicts.map(|verdicts| Looked { stations, found, gauge, verdicts, warnings }))
+    Ok(verdicts.map(|verdicts| Looked { stations, found, gauge, verdicts, warnings, missing }))
 }
 
 /// The stations, and for each file the index of its own, if that is known.
@@ -99,12 +103,15 @@ struct Files<'a> {
     of_file: &'a [Option<usize>],
     progress: &'a Progress,
     warnings: Mutex<BTreeSet<String>>,
+    /// The number of points that the last read could not read.
+    missing: AtomicU64,
 }
 
 impl Points for Files<'_> {
     type Error = codec::Error;
 
     fn read(&self, give: &(dyn Fn(&Block) + Sync)) -> codec::Result<()> {
+        let mut missing = 0;
         for (file, source) in self.sources.iter().enumerate() {
             let info = source.info();
             let cloud = Cloud { grid: info.grid, ..Cloud::default() };
@@ -126,9 +133,11 @@ impl Points for Files<'_> {
             let attributes = (0..info.attributes.len()).map(|index| Some(index) == intensity).collect();
             let selection = Selection { positions: true, attributes, ..Selection::default() };
             let summary = source.read(&selection, &reading, &emit)?;
+            missing += summary.missing;
             let warnings = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path)));
             self.warnings.lock().unwrap_or_else(PoisonError::into_inner).extend(warnings);
         }
+        self.missing.store(missing, Ordering::Relaxed);
         Ok(())
     }
 }

@@ -19,8 +19,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The points, with normals and radii: a splat is a disc of that radius, at right angles to the normal.
     let source = codec::open(Path::new(file))?;
     let up = world::up_of(source.info(), &settings);
-    let (mut cloud, warnings) = world::read_cloud(&source, &[], &settings, &Progress::default())?;
-    warnings.iter().for_each(|warning| eprintln!("{warning}"));
+    let (mut cloud, summary) = world::read_cloud(&source, &[], &settings, &Progress::default())?;
+    summary.warnings.iter().for_each(|warning| eprintln!("{warning}"));
     let options = world::options_for(&cloud.chunks, up, source.info().scanner(), &settings);
     let surfels = cloud::estimate(&cloud.chunks, &options, &Progress::default()).ok_or("cancelled")?;
     for (chunk, surfels) in cloud.chunks.iter_mut().zip(surfels) {

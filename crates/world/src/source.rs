@@ -143,8 +143,8 @@ pub(crate) fn is_one_file(sources: &[Arc<codec::Source>]) -> bool {
     sources.windows(2).all(|pair| pair[0].info().path == pair[1].info().path)
 }
 
-/// Reads all points of a file at once, with what most pictures need and these attributes, and the file's warnings.
-/// Chunks are in file order.
+/// Reads all points of a file at once, with what most pictures need and these attributes, and what is to be said of the
+/// read. Chunks are in file order.
 ///
 /// # Errors
 /// If nothing can be read.
@@ -153,7 +153,7 @@ pub fn read_cloud(
     also: &[&str],
     settings: &Settings,
     progress: &Progress,
-) -> codec::Result<(Cloud, Vec<String>)> {
+) -> codec::Result<(Cloud, codec::Summary)> {
     let info = source.info();
     let mut selection = selection(info, settings);
     let asked = attributes_named(&info.attributes, also.iter().copied());
@@ -164,7 +164,7 @@ pub fn read_cloud(
     let mut chunks = chunks.into_inner().unwrap_or_else(PoisonError::into_inner);
     chunks.sort_by_key(|chunk| chunk.first_point);
     let (name, attributes) = (info.name(), info.attributes.clone());
-    Ok((Cloud { name, attributes, grid: info.grid, chunks }, summary.warnings))
+    Ok((Cloud { name, attributes, grid: info.grid, chunks }, summary))
 }
 
 /// Reads one column of a file whose points are loaded, by `first_point` of the chunks to which the values belong.

@@ -216,7 +216,7 @@ mod tests {
         let extent = Extent { origin: DVec3::ZERO, edge: 1.0 };
         let gauge = Gauge::of(&NoPoints, &[], extent, 0, &Progress::default()).expect("points").expect("no cancel");
         let (gauge, warnings) = (Arc::new(gauge), Default::default());
-        let looked = Looked { stations: Vec::new(), found, gauge, verdicts, warnings };
+        let looked = Looked { stations: Vec::new(), found, gauge, verdicts, warnings, missing: 0 };
         Seen::new(looked, Vec::new(), Vec::new())
     }
 
