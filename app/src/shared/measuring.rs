@@ -1,7 +1,7 @@
 //! Carries out the measurements of a scene on the points of its clouds, for `glint measure` and for the window.
 
 use cloud::{Bounds, Cloud, PointTest};
-use codec::Units;
+use codec::{Unit, Units};
 use glam::{DMat3, DVec3};
 use measure::{Nearest, Scatter, VolumeGrid};
 use scene::{Measurement, MeasurementKind};
@@ -17,8 +17,10 @@ pub use tests::{MEASURED, RAYS, scanned};
 pub const NEIGHBOURS: usize = 24;
 /// The most points that are fitted: a cylinder through as many takes seconds.
 const MOST_FITTED: usize = 4_000_000;
-/// The most decimals of a value that is reported to people.
-const MOST_DECIMALS: i32 = 9;
+/// The most decimals of a length that is reported to people.
+const MOST_DECIMALS: usize = 9;
+/// The decimals of areas in square degrees: the last one is a hundredth of a square metre.
+const OF_SQUARE_DEGREES: usize = 12;
 
 /// What kind of number a figure is, which decides its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,12 +123,15 @@ impl Figure {
             return grouped(self.value as u64);
         }
         let interval = self.interval().filter(|interval| *interval > 0.0);
-        let usual = match self.quantity {
-            Quantity::Angle => 2,
-            Quantity::Share => 6,
+        let in_degrees = units.level.is_some_and(Unit::is_angle);
+        let decimals = match (self.quantity, interval) {
+            (Quantity::Area | Quantity::LevelArea | Quantity::Volume, _) if in_degrees => OF_SQUARE_DEGREES,
+            (_, Some(interval)) => decimals(interval),
+            (Quantity::Angle, None) => 2,
+            (Quantity::Share, None) => 6,
+            (Quantity::Length | Quantity::Level, None) => decimals_of_length(units.level),
             _ => 4,
         };
-        let decimals = interval.map_or(usual, decimals);
         let spread = interval.map_or(String::new(), |interval| format!(" ± {interval:.decimals$}"));
         let unit = self.unit(units).map_or(String::new(), |unit| if unit == "°" { unit } else { format!(" {unit}") });
         format!("{:.decimals$}{spread}{unit}", self.value)
@@ -135,7 +140,12 @@ impl Figure {
 
 /// The decimals that show two digits of an interval.
 pub fn decimals(interval: f64) -> usize {
-    (1 - interval.log10().floor() as i32).clamp(0, MOST_DECIMALS) as usize
+    (1 - interval.log10().floor() as i32).clamp(0, MOST_DECIMALS as i32) as usize
+}
+
+/// The decimals that show a tenth of a millimetre of a length on the map: a degree of latitude has 111 km.
+pub fn decimals_of_length(level: Option<Unit>) -> usize {
+    if level.is_some_and(Unit::is_angle) { MOST_DECIMALS } else { 4 }
 }
 
 /// How far a point may be off the surface: half widths of intervals of 95 %, in world units.
@@ -567,6 +577,20 @@ mod tests {
             count[1] += usize::from(figures[0].interval().is_none_or(|interval| error <= interval));
         }
         count
+    }
+
+    #[test]
+    fn degrees_on_the_map_have_the_decimals_of_a_tenth_of_a_millimetre() {
+        let text = |quantity, value, deviation, level| {
+            let units = Units { level: Some(level), height: Some(Unit::Metre) };
+            Figure::new("", quantity, value, deviation).text(&units)
+        };
+        // Seven metres along a parallel, a field of ten metres by ten, and its height.
+        assert_eq!(text(Quantity::Level, 0.000_062_71, None, Unit::Degree), "0.000062710°");
+        assert_eq!(text(Quantity::Length, 0.000_062_71, Some(1e-7), Unit::Degree), "0.00006271 ± 0.00000020");
+        assert_eq!(text(Quantity::LevelArea, 8.1e-9, Some(1e-10), Unit::Degree), "0.000000008100 ± 0.000000000196");
+        assert_eq!(text(Quantity::Rise, 7.0, None, Unit::Degree), "7.0000 m");
+        assert_eq!(text(Quantity::Level, 7.0, None, Unit::Metre), "7.0000 m");
     }
 
     #[test]

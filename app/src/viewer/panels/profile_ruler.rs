@@ -7,7 +7,7 @@ use glam::{DMat2, DVec2};
 use measure::{IN_95_PERCENT, Section};
 
 use crate::shared::language::{english, text, translated};
-use crate::shared::measuring::decimals;
+use crate::shared::measuring::{decimals, decimals_of_length};
 use crate::shared::profile_chart::AxisUnits;
 use crate::viewer::look::theme;
 use crate::viewer::tools::profiles::RulerEnd;
@@ -37,11 +37,11 @@ pub fn measured(from: [f64; 2], to: [f64; 2], covariance: Option<DMat2>, units: 
 
 /// A length with its interval, if that is known, and its unit: `1.203 ± 0.012 m`.
 pub fn length(value: f64, interval: Option<f64>, unit: Option<Unit>) -> String {
-    let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
-    match interval.filter(|interval| interval.is_finite() && *interval > 0.0) {
-        Some(interval) => format!("{value:.places$} ± {interval:.places$}{unit}", places = decimals(interval)),
-        None => format!("{value:.4}{unit}"),
-    }
+    let name = unit.map_or(String::new(), |unit| format!(" {unit}"));
+    let interval = interval.filter(|interval| interval.is_finite() && *interval > 0.0);
+    let places = interval.map_or_else(|| decimals_of_length(unit), decimals);
+    let spread = interval.map_or(String::new(), |interval| format!(" ± {interval:.places$}"));
+    format!("{value:.places$}{spread}{name}")
 }
 
 /// Draws the ruler of a profile and what it measures.

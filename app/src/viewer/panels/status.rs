@@ -7,6 +7,7 @@ use scene::Show;
 use world::{CloudTask, IndexState, LEAST_TIME, TaskKind, TaskStatus};
 
 use crate::shared::language::{text, translated};
+use crate::shared::measuring::decimals_of_length;
 use crate::system::fetching::{self, Fetch};
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
@@ -17,6 +18,7 @@ use crate::viewer::requests::action::Action;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::session::Session;
 use crate::viewer::tools::clips::PRISM_HINT;
+use crate::viewer::tools::measurements::units;
 
 /// The room between what is under way and the state of the picture, in points of the window.
 const GAP: f32 = 10.0;
@@ -136,8 +138,9 @@ fn state_of_picture(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 fn place_under_cursor(ui: &mut Ui, session: &Session) {
     if let Some((_, Some(world))) = session.scene.navigation.hovered {
         ui.add_space(6.0);
-        // Three decimals are enough for the status bar. A pick shows the others.
-        let text = format!("{:.3}  {:.3}  {:.3}", world.x, world.y, world.z);
+        // A millimetre is enough for the status bar. A pick shows the other decimals.
+        let level = decimals_of_length(units(&session.loaded).level) - 1;
+        let text = format!("{:.level$}  {:.level$}  {:.3}", world.x, world.y, world.z);
         let font = egui::FontId::monospace(11.5);
         let text = ui.painter().layout_no_wrap(text, font, theme::WEAK);
         // In a narrow window they would lie over the number of points.
