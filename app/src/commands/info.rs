@@ -247,7 +247,7 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
             }
         }
     }
-    for reported in report.attributes.iter_mut().filter(|_| points > 1) {
+    for reported in report.attributes.iter_mut().filter(|_| points > 0) {
         if let Some(range) = found.ranges.get(&(reported.name.clone(), reported.followers)) {
             range.report(reported);
         }
@@ -472,13 +472,17 @@ fn lines(report: &FileReport) -> Vec<String> {
         }
         None => line("extent", "unknown"),
     }
+    // Of one point, each value is that of all.
+    let is_told = report.points > 1;
     let attributes: Vec<String> = report
         .attributes
         .iter()
         .map(|attribute| {
-            let always = attribute.constant.map_or(String::new(), |value| format!(" ({value} everywhere)"));
+            let constant = attribute.constant.filter(|_| is_told);
+            let always = constant.map_or(String::new(), |value| format!(" ({value} everywhere)"));
             let without = attribute
                 .without_value
+                .filter(|_| is_told)
                 .map_or(String::new(), |count| format!(" ({} points without a value)", grouped(count)));
             let limits = attribute.limits.map_or(String::new(), |[low, high]| format!(" (of {low} to {high})"));
             format!("{} {}{limits}{always}{without}", attribute.name, attribute.type_name)
@@ -561,6 +565,19 @@ mod tests {
         assert_eq!(coordinate(1200.0, 0), "1200");
         assert_eq!([0.001_63, 12.3, 0.2, 0.0, 1234.0].map(two_digits), ["0.0016", "12", "0.2", "0", "1234"]);
         assert_eq!([0.01, 0.001, 1.0, 0.25, 1e-7].map(decimals), [2, 3, 0, 2, 7]);
+    }
+
+    #[test]
+    fn the_values_of_a_single_point_are_ranges_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("one.ply");
+        let axes = ["x", "y", "z", "heat"].map(|name| format!("property float {name}\n")).concat();
+        std::fs::write(&path, format!("ply\nformat ascii 1.0\nelement vertex 1\n{axes}end_header\n1 2 3 4.5\n"))
+            .unwrap();
+        let report = file_report(&path, false).unwrap();
+        let heat = report.attributes.iter().find(|attribute| attribute.name == "heat").unwrap();
+        assert_eq!([heat.min, heat.max, heat.constant], [Some(4.5); 3]);
+        assert!(!lines(&report).concat().contains("everywhere"));
     }
 
     #[test]
