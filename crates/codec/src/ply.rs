@@ -81,12 +81,14 @@ impl RowSource {
         let io_error = |error| Error::io(path, error);
         let mut start = Vec::new();
         file.section(0, file.length().min(MAX_HEADER_BYTES as u64)).read_to_end(&mut start).map_err(io_error)?;
-        let header = Header::parse(&start)
+        let mut header = Header::parse(&start)
             .map_err(|error| Error::malformed(path, format!("header line {}", error.line), error.problem))?;
         drop(start);
 
         let header_error = |problem: String| Error::malformed(path, "header", problem);
         let vertex = header.points_element().ok_or_else(|| header_error("no element vertex".into()))?;
+        let mut warnings = param::few(header.elements[vertex].tell_apart(), "properties of a name that is there twice");
+        warnings.extend(header.further_vertices(vertex));
         let splats = PackedSplats::open(&file, &header, vertex).map_err(io_error)?.map_err(header_error)?;
         let element = splats.as_ref().map_or(&header.elements[vertex], RowMaker::element);
         let scalars = scalars(element);
@@ -98,7 +100,6 @@ impl RowSource {
         if header.encoding == Encoding::Ascii {
             check_length(&rows, element).map_err(header_error)?;
         }
-        let mut warnings = Vec::new();
         if rows.count < element.count {
             let reason = rows.problem.as_deref().unwrap_or("the file ends early");
             let (lost, declared) = (element.count - rows.count, element.count);

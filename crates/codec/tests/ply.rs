@@ -470,7 +470,23 @@ fn a_repeated_name_does_not_shift_what_follows() {
     bytes.push(2);
     bytes.extend(2.5_f32.to_be_bytes());
     bytes.extend(3.5_f32.to_be_bytes());
-    assert_eq!(read_bytes(&bytes).positions, [DVec3::new(1.5, 2.5, 3.5)]);
+    let read = read_bytes(&bytes);
+    assert_eq!(read.positions, [DVec3::new(1.5, 2.5, 3.5)]);
+    assert_eq!((&read.attributes["a"], &read.attributes["a_2"]), (&vec![1.0], &vec![2.0]));
+    assert_eq!(read.info.warnings, ["a further property a is called a_2 here"]);
+    // The one that places have keeps its name.
+    let read = read_bytes(&ascii(&format!("element vertex 1\n{XYZ}\nproperty float x"), "1 2 3 4\n"));
+    assert_eq!((read.positions[0], &read.attributes["x"]), (DVec3::new(1.0, 2.0, 3.0), &vec![1.0]));
+    assert_eq!(read.attributes["x_2"], [4.0]);
+}
+
+#[test]
+fn points_of_a_second_element_vertex_are_not_lost_without_a_word() {
+    let read =
+        read_bytes(&ascii(&format!("element vertex 1\n{XYZ}\nelement vertex 2\n{XYZ}"), "1 2 3\n4 5 6\n7 8 9\n"));
+    assert_eq!(read.positions, [DVec3::new(1.0, 2.0, 3.0)]);
+    let told = "the header has several elements vertex: 2 points of others than the first are not read";
+    assert_eq!(read.info.warnings, [told]);
 }
 
 #[test]

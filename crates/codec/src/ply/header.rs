@@ -3,6 +3,7 @@
 use cloud::ColumnType;
 
 use crate::brief::brief;
+use crate::export::names::Names;
 
 /// The longest header that is read. Scanners write kilobytes of comments, nobody a megabyte; a file without
 /// `end_header` is refused after this much instead of being searched to its end.
@@ -81,6 +82,19 @@ impl Element {
             .sum()
     }
 
+    /// Gives each property that has the name of an earlier one a name of its own. Returns what is to be said of that.
+    pub fn tell_apart(&mut self) -> Vec<String> {
+        let (mut names, mut told) = (Names::with_case(), Vec::new());
+        for property in &mut self.properties {
+            let free = names.take(&property.name, usize::MAX);
+            if free != property.name {
+                told.push(format!("a further property {} is called {} here", brief(&property.name), brief(&free)));
+                property.name = free;
+            }
+        }
+        told
+    }
+
     fn has_scalar(&self, name: &str) -> bool {
         self.properties
             .iter()
@@ -94,6 +108,17 @@ impl Header {
         let named = self.elements.iter().position(|element| element.name.eq_ignore_ascii_case("vertex"));
         named.or_else(|| {
             self.elements.iter().position(|element| ["x", "y", "z"].iter().all(|axis| element.has_scalar(axis)))
+        })
+    }
+
+    /// What is to be said of elements `vertex` besides the one that is read.
+    pub fn further_vertices(&self, read: usize) -> Option<String> {
+        let is_further =
+            |(index, element): &(usize, &Element)| *index != read && element.name.eq_ignore_ascii_case("vertex");
+        let rows = self.elements.iter().enumerate().filter(is_further).map(|(_, element)| element.count);
+        let points = rows.fold(0, u64::saturating_add);
+        (points > 0).then(|| {
+            format!("the header has several elements vertex: {points} points of others than the first are not read")
         })
     }
 
