@@ -38,15 +38,10 @@ impl Bookmark {
 
     /// Why it is not valid, if it is not.
     pub(crate) fn problem(&self) -> Option<String> {
-        let far = |place: DVec3, key: &str| {
-            (!Camera::is_near(place)).then(|| format!("{key} is not finite, or beyond {:e}", Camera::MOST_COORDINATE))
-        };
-        let is_direction = self.up.is_finite() && self.up.try_normalize().is_some();
+        let Self { eye, pivot, up, .. } = *self;
         let odd_digit = self.digit.filter(|digit| *digit > 9);
-        far(self.eye, "eye")
-            .or_else(|| far(self.pivot, "pivot"))
-            .or_else(|| (!is_direction).then(|| "up is no direction".into()))
-            .or_else(|| odd_digit.map(|digit| format!("digit is {digit}, expected 0 to 9")))
+        let odd_camera = Camera { eye, pivot, up }.problem().map(|(key, problem)| format!("{key} is {problem}"));
+        odd_camera.or_else(|| odd_digit.map(|digit| format!("digit is {digit}, expected 0 to 9")))
     }
 }
 

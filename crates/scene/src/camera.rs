@@ -44,8 +44,16 @@ impl Camera {
         place.abs().cmple(DVec3::splat(Self::MOST_COORDINATE)).all()
     }
 
-    /// A camera with the values of a scene file: `up` may have any length, and the eye may be at the pivot or straight
-    /// above it.
+    /// The first value that no camera has, and what it is instead.
+    pub(crate) fn problem(&self) -> Option<(&'static str, String)> {
+        let is_direction = self.up.is_finite() && self.up.try_normalize().is_some();
+        let odd = [("eye", self.eye), ("pivot", self.pivot)].into_iter().find(|(_, place)| !Self::is_near(*place));
+        odd.map(|(key, _)| (key, format!("not finite, or beyond {:e}", Self::MOST_COORDINATE)))
+            .or_else(|| (!is_direction).then(|| ("up", "no direction".into())))
+    }
+
+    /// A camera with the values of a scene file: `up` may have any length but zero, and the eye may be at the pivot
+    /// or straight above it.
     pub fn from_eye(eye: DVec3, pivot: DVec3, up: DVec3) -> Self {
         Self::looking(pivot, eye - pivot, eye.distance(pivot), up)
     }

@@ -161,11 +161,7 @@ impl Keyframe {
         if let Some(before) = before.filter(|before| *before >= time) {
             return Some(("time", format!("{time}, expected more than the {before} of the keyframe before")));
         }
-        let far = |place: DVec3| {
-            (!Camera::is_near(place)).then(|| format!("not finite, or beyond {:e}", Camera::MOST_COORDINATE))
-        };
-        let odd = far(self.eye).map(|problem| ("eye", problem)).or(far(self.pivot).map(|problem| ("pivot", problem)));
-        let is_direction = self.up.is_finite() && self.up.try_normalize().is_some();
-        odd.or((!is_direction).then(|| ("up", "no direction".into())))
+        let Self { eye, pivot, up, .. } = *self;
+        Camera { eye, pivot, up }.problem()
     }
 }

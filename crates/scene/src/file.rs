@@ -180,12 +180,8 @@ impl SceneFile {
     pub fn parse(text: &str) -> Result<Self, Error> {
         let file: Self =
             whole_file::from_toml(text).map_err(|error| Error::Malformed { problem: problem_of(&error, text) })?;
-        let is_camera =
-            |camera: &Camera| Camera::is_near(camera.eye) && Camera::is_near(camera.pivot) && camera.up.is_finite();
-        if !file.camera.as_ref().is_none_or(is_camera) {
-            let most = Camera::MOST_COORDINATE;
-            let problem = format!("the camera's coordinates are not finite, or beyond {most:e}");
-            return Err(Error::Malformed { problem });
+        if let Some((key, problem)) = file.camera.as_ref().and_then(Camera::problem) {
+            return Err(Error::Malformed { problem: format!("the camera's {key} is {problem}") });
         }
         match file.problem().or_else(|| file.odd_path(text)) {
             Some(problem) => Err(Error::Malformed { problem }),
@@ -636,9 +632,16 @@ mod tests {
         let error = SceneFile::parse("clouds = [").unwrap_err().to_string();
         assert!(error.contains("line 1"), "{error}");
         assert!(SceneFile::parse("cluods = []").unwrap_err().to_string().contains("cluods"));
-        for eye in ["nan", "inf", "-1e308"] {
-            let camera = format!("[camera]\neye=[{eye},0,0]\npivot=[0,0,0]\nup=[0,0,1]");
-            assert!(SceneFile::parse(&camera).unwrap_err().to_string().contains("the camera's coordinates"), "{eye}");
+        for (eye, up, problem) in [
+            ("nan", "1", "the camera's eye is not finite, or beyond 1e30"),
+            ("-inf", "1", "the camera's eye is not finite"),
+            ("-1e308", "1", "the camera's eye is not finite"),
+            ("1", "nan", "the camera's up is no direction"),
+            ("1", "0", "the camera's up is no direction"),
+            ("1", "1e200", "the camera's up is no direction"),
+        ] {
+            let camera = format!("[camera]\neye=[{eye},0,0]\npivot=[0,0,0]\nup=[0,0,{up}]");
+            assert!(SceneFile::parse(&camera).unwrap_err().to_string().contains(problem), "{eye}, {up}");
         }
     }
 }

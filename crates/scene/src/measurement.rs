@@ -209,10 +209,8 @@ impl Note {
                 self.position
             ));
         }
-        let is_camera =
-            |camera: &Camera| Camera::is_near(camera.eye) && Camera::is_near(camera.pivot) && camera.up.is_finite();
-        if !self.camera.iter().all(is_camera) {
-            return Some("the camera's coordinates are not finite, or too far away".into());
+        if let Some((key, problem)) = self.camera.as_ref().and_then(Camera::problem) {
+            return Some(format!("the camera's {key} is {problem}"));
         }
         problem_of_color(self.color)
     }
