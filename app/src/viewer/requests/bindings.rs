@@ -237,6 +237,7 @@ pub const BINDINGS: &[Binding] = {
         bind(TOOLS, key(Key::Escape), A::EndTool, "End the tool, clear the pick"),
         bind(TOOLS, Trigger::Key(CTRL, Key::Z), A::Undo, "Undo"),
         bind(TOOLS, Trigger::Key(CTRL_SHIFT, Key::Z), A::Redo, "Redo"),
+        bind(TOOLS, Trigger::Key(CTRL, Key::Y), A::Redo, "Redo"),
         bind(TOOLS, Trigger::Key(CTRL, Key::P), A::TogglePalette, "Command palette: all actions and parameters"),
         bind(TOOLS, Trigger::Key(CTRL, Key::K), A::TogglePalette, "Command palette: all actions and parameters"),
         bind(TOOLS, key(Key::F2), A::ToggleInterface, "Hide or show the panels"),
@@ -463,6 +464,7 @@ mod tests {
     fn modifiers_must_match_exactly_but_a_question_mark_may_need_shift() {
         assert_eq!(action(Trigger::Key(CTRL, Key::Z), Mode::Orbit), Some(Action::Undo));
         assert_eq!(action(Trigger::Key(CTRL_SHIFT, Key::Z), Mode::Orbit), Some(Action::Redo));
+        assert_eq!(action(Trigger::Key(CTRL, Key::Y), Mode::Orbit), Some(Action::Redo));
         assert_eq!(action(Trigger::Key(CTRL, Key::L), Mode::Orbit), None);
         assert_eq!(action(Trigger::Key(SHIFT, Key::Questionmark), Mode::Orbit), Some(Action::ToggleShortcuts));
     }
