@@ -10,7 +10,7 @@ use study::{Subject, image_error};
 
 use studio::{Studio, studio};
 
-const SIZE: [u32; 2] = [240, 180];
+const SIZE: [u32; 2] = [120, 90];
 
 #[test]
 fn what_the_default_does_not_follow_is_not_seen() {
