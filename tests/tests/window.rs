@@ -9,11 +9,6 @@ use tests::{Session, Window, colors};
 const SMALL_SCENE: &str =
     "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"scene.points\" = 20000\n\"gi.vpls\" = 16\n";
 
-/// The small scene with half of the pixels a side, where a picture is compared with others of the same window alone.
-fn coarse_scene() -> String {
-    format!("{SMALL_SCENE}\"view.resolution\" = 0.5\n")
-}
-
 /// Opens `lattice.ply` with few virtual lights.
 const LATTICE: [&str; 6] = ["view", "lattice.ply", "--set", "gi.vpls=16", "--set", "gi.sky_lights=8"];
 
@@ -77,7 +72,7 @@ fn number(event: &Value, path: &str) -> f64 {
 #[test]
 fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
     let session = Session::start();
-    session.folder.write("small.toml", coarse_scene());
+    session.folder.write("small.toml", SMALL_SCENE);
     let window = session.open(["small.toml"]);
     let loaded = window.wait_for_event("loaded", 0, |_| true);
     assert_eq!(number(&loaded, "/points"), 20_000.0);
@@ -97,7 +92,7 @@ fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
 #[test]
 fn a_window_whose_device_is_lost_has_another_one_with_the_same_picture_and_all_that_was_done() {
     let session = Session::start();
-    session.folder.write("small.toml", coarse_scene());
+    session.folder.write("small.toml", SMALL_SCENE);
     let expected = {
         let window = session.open(["small.toml"]);
         view(&window.settled(0))
@@ -352,7 +347,7 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
 #[test]
 fn unsaved_work_comes_back_after_a_crash_and_is_asked_for_before_the_window_closes() {
     let session = Session::start();
-    session.folder.write("small.toml", coarse_scene());
+    session.folder.write("small.toml", SMALL_SCENE);
     let window = session.open(["small.toml"]);
     window.wait_for_event("settled", 0, |_| true);
     window.press("b");
@@ -392,7 +387,7 @@ fn unsaved_work_comes_back_after_a_crash_and_is_asked_for_before_the_window_clos
 #[test]
 fn the_truth_is_in_the_picture_while_its_key_is_down() {
     let session = Session::start();
-    session.folder.write("small.toml", coarse_scene());
+    session.folder.write("small.toml", SMALL_SCENE);
     let window = session.open(["small.toml"]);
     let drawn = view(&window.settled(0));
     window.hold("x");
