@@ -95,13 +95,21 @@ const HIDINGS: [(&str, &str); 3] = [
     ),
 ];
 
+/// The picture alone by `surfel_trace`, without its truth.
+fn picture(folder: &Folder, scene: &str, arguments: &[&str]) -> Vec<u8> {
+    let words = ["render", scene, "-o", "alone.png", "--size", "96x72", "--method", "surfel_trace"];
+    let outcome = folder.glint(words.iter().chain(arguments));
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    std::fs::read(folder.path("alone.png")).expect("the picture")
+}
+
 /// All that a run writes by name: the picture, images of it and of its truth, and what its statistics say of points and accuracy.
-fn rendered(folder: &Folder, scene: &str, method: &str, arguments: &[&str]) -> Option<BTreeMap<&'static str, Vec<u8>>> {
+fn rendered(folder: &Folder, scene: &str, method: &str) -> Option<BTreeMap<&'static str, Vec<u8>>> {
     let images = ["depth", "normal", "indirect", "mirror_position", "reference_position", "reference_color"];
     let aovs: Vec<String> = images.iter().map(|name| format!("{name}={name}.exr")).collect();
     let common = ["render", scene, "-o", "picture.png", "--size", "96x72", "--method", method, "--stats", "stats.json"];
     let aovs = aovs.iter().flat_map(|aov| ["--aov", aov]);
-    let outcome = folder.glint(common.into_iter().chain(aovs).chain(arguments.iter().copied()));
+    let outcome = folder.glint(common.into_iter().chain(aovs));
     if lacks_adapter(&outcome) {
         return None;
     }
@@ -140,8 +148,9 @@ fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
     folder.write("all.toml", format!("clouds = [\"all.las\"]\n{SCENE}"));
     folder.write("shown.toml", format!("clouds = [\"shown.las\"]\n{SCENE}"));
     folder.write("view.toml", format!("{SCENE}{HIDING}"));
+    let mut by_class = None;
     for method in ["surfel_trace", "sscr"] {
-        let Some(mut shown) = rendered(&folder, "shown.toml", method, &[]) else { return };
+        let Some(mut shown) = rendered(&folder, "shown.toml", method) else { return };
         assert!(shown["mirror pixels"].len() >= 3, "{method}: fewer than 100 mirror pixels");
         let mut traced = None;
         if method == "surfel_trace" {
@@ -152,24 +161,21 @@ fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
         }
         for (how, hiding) in HIDINGS {
             folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{hiding}"));
-            let hiding = rendered(&folder, "hiding.toml", method, &[]).expect("an adapter");
+            let hiding = rendered(&folder, "hiding.toml", method).expect("an adapter");
             for (name, written) in &shown {
                 assert!(hiding[name] == *written, "{method}: {how}: {name}");
             }
             if let Some(picture) = &traced {
                 let differing = differing_pixels(picture, &hiding["picture"]);
                 assert!(differing < 96 * 72 / 100, "{method}: {how}: {differing} pixels differ");
+                by_class = by_class.or_else(|| (how == "classes").then(|| hiding["picture"].clone()));
             }
         }
     }
+    let all = picture(&folder, "all.toml", &[]);
+    let view = picture(&folder, "all.toml", &["--camera", "view.toml"]);
+    assert!(Some(&all) != by_class.as_ref() && Some(&view) == by_class.as_ref(), "--camera FILE hides what it says");
     folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{HIDING}"));
-    let all = rendered(&folder, "all.toml", "surfel_trace", &[]).expect("an adapter");
-    let hiding = rendered(&folder, "hiding.toml", "surfel_trace", &[]).expect("an adapter");
-    let view = rendered(&folder, "all.toml", "surfel_trace", &["--camera", "view.toml"]).expect("an adapter");
-    assert!(
-        all["picture"] != hiding["picture"] && view["picture"] == hiding["picture"],
-        "--camera FILE hides what it says"
-    );
     // Framed without a camera: what is hidden takes no room.
     let framed = |name: &str, scene: &str| {
         let words = ["render", scene, "-o", name, "--size", "96x72", "--camera", "iso", "--set", "gi.vpls=16"];
@@ -201,13 +207,26 @@ fn a_moved_cloud_is_as_if_its_file_had_it_where_it_stands_in_pictures_and_in_the
     folder.write("all.toml", format!("clouds = [\"all.las\"]\n{SCENE}"));
     folder.write("moved.toml", format!("clouds = [\"away.las\"]\n{SCENE}{BACK}"));
     folder.write("away.toml", format!("clouds = [\"away.las\"]\n{SCENE}"));
-    let Some(all) = rendered(&folder, "all.toml", "surfel_trace", &[]) else { return };
-    let moved = rendered(&folder, "moved.toml", "surfel_trace", &[]).expect("an adapter");
+    let Some(all) = rendered(&folder, "all.toml", "surfel_trace") else { return };
+    let moved = rendered(&folder, "moved.toml", "surfel_trace").expect("an adapter");
     for (name, written) in &all {
         assert!(moved[name] == *written, "{name}");
     }
-    let away = rendered(&folder, "away.toml", "surfel_trace", &[]).expect("an adapter");
-    assert!(away["picture"] != all["picture"], "the test would prove nothing");
+    assert!(picture(&folder, "away.toml", &[]) != all["picture"], "the test would prove nothing");
+}
+
+/// What is said of a picture of a scene, so large that the finest points are more than `stream.detail` apart. None where
+/// there is no adapter and none is required.
+fn statistics(folder: &Folder, scene: &str, pages: &str) -> Option<serde_json::Value> {
+    let settings = ["light.by=headlight", pages, "stream.detail=0.25", "stream.unseen=1"];
+    let picture = ["render", scene, "-o", "picture.png", "--size", "384x288", "--stats", "stats.json"];
+    let outcome = folder.glint(picture.into_iter().chain(settings.into_iter().flat_map(|one| ["--set", one])));
+    if lacks_adapter(&outcome) {
+        return None;
+    }
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
+    Some(serde_json::from_str(&text).expect("JSON"))
 }
 
 /// What a scene file clips of streamed points is neither drawn nor loaded.
@@ -230,27 +249,7 @@ fn clipped_points_of_a_streamed_cloud_are_as_good_as_absent_and_most_are_not_loa
     let both = ["stream.pages=never", "stream.pages=always"]
         .map(|pages| ["clipped.toml", "moved.toml"].map(|scene| (scene, pages)));
     for (scene, pages) in both.into_iter().flatten() {
-        // So large that the finest points are more than `stream.detail` apart.
-        let picture = [
-            "render",
-            scene,
-            "-o",
-            "clipped.png",
-            "--size",
-            "384x288",
-            "--stats",
-            "stats.json",
-            "--set",
-            "light.by=headlight",
-        ];
-        let streamed = ["--set", pages, "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
-        let outcome = folder.glint(picture.iter().chain(&streamed));
-        if lacks_adapter(&outcome) {
-            return;
-        }
-        assert_eq!(outcome.status, Some(0), "{outcome}");
-        let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
-        let stats: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        let Some(stats) = statistics(&folder, scene, pages) else { return };
         assert_eq!(stats["points"]["drawn"].as_u64(), Some(kept), "{scene}, {pages}: {stats}");
         if let Some(resident) = stats["stream"]["points_resident"].as_u64() {
             // The root of the index is always loaded, and so are the nodes that the border cuts.
@@ -274,26 +273,7 @@ fn a_filter_hides_points_of_a_streamed_cloud_by_any_attribute_of_its_file() {
     folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{filters}"));
     folder.write("all.toml", "clouds = [\"all.las\"]\n");
     for (scene, expected) in [("all.toml", points.len() as u64), ("hiding.toml", shown)] {
-        let picture = [
-            "render",
-            scene,
-            "-o",
-            "picture.png",
-            "--size",
-            "384x288",
-            "--stats",
-            "stats.json",
-            "--set",
-            "light.by=headlight",
-        ];
-        let streamed = ["--set", "stream.pages=always", "--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
-        let outcome = folder.glint(picture.iter().chain(&streamed));
-        if lacks_adapter(&outcome) {
-            return;
-        }
-        assert_eq!(outcome.status, Some(0), "{outcome}");
-        let text = std::fs::read_to_string(folder.path("stats.json")).expect("the statistics");
-        let stats: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        let Some(stats) = statistics(&folder, scene, "stream.pages=always") else { return };
         assert_eq!(stats["stream"]["points_resident"].as_u64(), Some(points.len() as u64), "{stats}");
         assert_eq!(stats["points"]["drawn"].as_u64(), Some(expected), "{scene}: {stats}");
     }
