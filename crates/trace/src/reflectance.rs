@@ -250,7 +250,7 @@ mod tests {
             Highlight::Phong => mirrored(-surface.to_eye, DVec3::Z),
             Highlight::Blinn => DVec3::Z,
         };
-        let (rings, turns) = (800, 800);
+        let (rings, turns) = (400, 400);
         let mut sum = 0.0;
         for ring in 0..rings {
             // Angles grow with the cube, starting where the lobe is high.
