@@ -108,6 +108,8 @@ fn settings(method: Method, samples: u32, pairs: &[(&str, &str)]) -> Settings {
     let mut settings = Settings::default();
     settings.reflection.method = method;
     settings.gloss.samples = samples;
+    // Maps are drawn for each picture that is made anew: their texels are still finer than the points.
+    (settings.cubemap_trace.size, settings.environment_map.size) = (64, 64);
     settings.set_text("light.by", "colors").unwrap();
     settings.set_text("view.background", "#ffffff").unwrap();
     for (key, value) in pairs {
