@@ -806,6 +806,35 @@ fn odd_objects_of_a_scene_file_are_refused_by_name() {
 }
 
 #[test]
+fn a_clouds_own_colours_span_the_values_of_its_attribute_as_those_of_the_view_do() {
+    let folder = Folder::new();
+    // A square of points whose values go from 0 to 99.
+    let point = |at: u32| {
+        let (x, y) = (at % 100, at / 100);
+        format!("{} {} 0 {x}\n", f64::from(x) * 0.02, f64::from(y) * 0.02)
+    };
+    let numbers = "property float x\nproperty float y\nproperty float z\nproperty float temperature\n";
+    let header = format!("ply\nformat ascii 1.0\nelement vertex 10000\n{numbers}end_header\n");
+    folder.write("steps.ply", header + &(0..10_000).map(point).collect::<String>());
+    let colors = "by = 'attribute', attribute = 'temperature', ramp = 'magma', low = 0.0, high = 1.0";
+    folder.write(
+        "own.toml",
+        format!("clouds = ['steps.ply']\n[[cloud_settings]]\ncloud = 'steps.ply'\ncolor = {{ {colors} }}\n"),
+    );
+    let parameters: Vec<String> =
+        colors.split(", ").map(|color| format!("color.{}", color.replace([' ', '\''], ""))).collect();
+    let of_view: Vec<&str> = parameters.iter().flat_map(|parameter| ["--set", parameter]).collect();
+    let common = ["--camera", "top", "--set", "overlay.legend=true", "--set", "light.by=colors"];
+    let picture = |words: &[&str]| {
+        let outcome = render(&folder, &[&common[..], words].concat())?;
+        assert_done(&outcome);
+        Some(std::fs::read(folder.path("picture.png")).expect("the picture"))
+    };
+    let Some(own) = picture(&["own.toml"]) else { return };
+    assert!(Some(own) == picture(&[&["steps.ply"][..], &of_view].concat()), "the colours are not the same");
+}
+
+#[test]
 fn surfaces_judges_a_depth_image_by_the_half_of_it_that_is_held_out() {
     let folder = Folder::new();
     // A wall of 120 x 90 pixels at a distance of 4 along the axis, seen from the origin, with a box before it at 2.

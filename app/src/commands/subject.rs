@@ -479,15 +479,18 @@ fn upload(
     if color.by == ColorBy::Certainty {
         surface_error::find(loaded)?;
     }
-    let (plan, warning) = ColorPlan::new(&loaded.cloud.shown(test), &color, loaded.up);
-    if let Some(warning) = warning {
-        terminal::warn([warning]);
-    }
+    let plan_of = |loaded: &Assembly| ColorPlan::new(&loaded.cloud.shown(test), &color, loaded.up);
+    let (mut plan, mut warning) = plan_of(loaded);
     if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), loaded.source.clone()) {
         let progress = Progress::default();
         let read = || world::read_column(&source, attribute, &progress);
         let columns = progress_bar::watch("reading", &progress, read)?;
         drop(loaded.put_late_column(attribute, columns));
+        // The range of the values, and whether they differ at all, is known only now.
+        (plan, warning) = plan_of(loaded);
+    }
+    if let Some(warning) = warning {
+        terminal::warn([warning]);
     }
     let mut marked = Vec::new();
     for points in reflecting {
