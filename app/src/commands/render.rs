@@ -298,13 +298,8 @@ fn images(arguments: &RenderArguments) -> anyhow::Result<Images> {
 fn spare_inputs(arguments: &RenderArguments, request: &Request) -> anyhow::Result<()> {
     let clouds = request.inputs.iter().flat_map(|input| input.files().iter().cloned());
     let words = arguments.inputs.iter().chain(&arguments.camera).map(PathBuf::from);
-    // Compare with the name that was given and, if that is a link, with the file behind it.
-    let read: Vec<PathBuf> = clouds
-        .chain(words)
-        .filter(|path| path.is_file())
-        .flat_map(|path| [Some(picture_file::place(&path)), path.canonicalize().ok()])
-        .flatten()
-        .collect();
+    let read: Vec<PathBuf> =
+        clouds.chain(words).filter(|path| path.is_file()).map(|path| picture_file::place(&path)).collect();
     let images = arguments.aov.iter().map(|(_, path)| path.as_path());
     for output in images.chain([arguments.output.as_path()]).chain(arguments.stats.as_deref()) {
         if read.contains(&picture_file::place(output)) {

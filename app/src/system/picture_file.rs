@@ -1,5 +1,6 @@
 //! Writes picture files: PNG for the picture, OpenEXR for the numbers behind it. A file appears whole or not at all: it
-//! is written under another name in the same folder and renamed at the end.
+//! is written under another name in the same folder and renamed at the end. It keeps the permissions of a file that it
+//! replaces, and a link to that.
 
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write as _};
@@ -152,7 +153,7 @@ pub fn check_place(path: &Path) -> anyhow::Result<()> {
     }
     if !is_special(path) {
         // Only creating a file proves that the folder can be written: its permissions and the state of the disk do not.
-        let partial = partial(path);
+        let partial = partial(&behind_links(path));
         File::create(&partial).map_err(unwritten)?;
         std::fs::remove_file(&partial).map_err(unwritten)?;
     }
@@ -164,12 +165,36 @@ pub fn is_special(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|metadata| !metadata.is_file())
 }
 
-/// Returns the same path for all ways to write one place: the folder without links or detours, and the name in it. A
-/// new file replaces that name, even if it is a link.
+/// Returns the same path for all ways to write one place: that of the file behind links, in a folder without links or
+/// detours.
 pub fn place(path: &Path) -> PathBuf {
+    let path = behind_links(path);
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     folder.join(path.file_name().unwrap_or_default())
+}
+
+/// The path of the file that a link names, also if that is not there yet; other paths as they are.
+fn behind_links(path: &Path) -> PathBuf {
+    /// As many as Linux follows.
+    const MOST_LINKS: usize = 40;
+    let mut path = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        let Ok(named) = std::fs::read_link(&path) else { break };
+        path = path.parent().unwrap_or(Path::new("")).join(named);
+    }
+    path
+}
+
+/// Gives a file that is being written the permissions of the one that it replaces.
+fn keep_permissions(partial: &File, replaced: &Path) {
+    // Elsewhere the only permission is that to write, and a file without it cannot be replaced.
+    if let Ok(metadata) = std::fs::metadata(replaced)
+        && cfg!(unix)
+    {
+        // Not all disks have permissions.
+        let _ = partial.set_permissions(metadata.permissions());
+    }
 }
 
 /// The path of a file while it is being written. Each call returns another one, so that no two threads or programs
@@ -187,8 +212,15 @@ fn partial(path: &Path) -> PathBuf {
 /// # Errors
 /// Those of `write`, or if the file cannot be renamed.
 pub fn write_by_name(path: &Path, write: impl FnOnce(&Path) -> anyhow::Result<()>) -> anyhow::Result<()> {
-    let partial = partial(path);
-    let rename = || std::fs::rename(&partial, path).map_err(|reason| Error::not_written(path, reason).into());
+    // A device behind a link is not replaced.
+    let place = if is_special(path) { path.to_owned() } else { behind_links(path) };
+    let partial = partial(&place);
+    let rename = || {
+        if let Ok(file) = File::open(&partial) {
+            keep_permissions(&file, &place);
+        }
+        std::fs::rename(&partial, &place).map_err(|reason| Error::not_written(path, reason).into())
+    };
     let written = write(&partial).and_then(|()| rename());
     if written.is_err() {
         let _ = std::fs::remove_file(&partial);
@@ -205,8 +237,10 @@ fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io:
     let written = if is_special(path) {
         File::create(path).and_then(finish)
     } else {
-        let partial = partial(path);
-        let moved = File::create(&partial).and_then(finish).and_then(|()| std::fs::rename(&partial, path));
+        let place = behind_links(path);
+        let partial = partial(&place);
+        let created = File::create(&partial).inspect(|file| keep_permissions(file, &place));
+        let moved = created.and_then(finish).and_then(|()| std::fs::rename(&partial, &place));
         if moved.is_err() {
             let _ = std::fs::remove_file(&partial);
         }
@@ -279,6 +313,39 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         write_by_name(&path, |partial| Ok(std::fs::write(partial, "whole")?)).unwrap();
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "whole");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_that_is_replaced_keeps_its_permissions_and_the_links_to_it() {
+        use std::os::unix::fs::{PermissionsExt as _, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::create_dir(path("kept")).unwrap();
+        std::fs::write(path("kept/hall.toml"), "old").unwrap();
+        std::fs::set_permissions(path("kept/hall.toml"), std::fs::Permissions::from_mode(0o600)).unwrap();
+        symlink("kept/hall.toml", path("link.toml")).unwrap();
+        symlink(path("link.toml"), path("second.toml")).unwrap();
+        symlink("kept/new.toml", path("dangling.toml")).unwrap();
+        let mode = |name: &str| std::fs::metadata(path(name)).unwrap().permissions().mode() & 0o777;
+        let text = |name: &str| std::fs::read_to_string(path(name)).unwrap();
+        check_place(&path("second.toml")).unwrap();
+        write_text(&path("second.toml"), "new").unwrap();
+        assert_eq!((text("kept/hall.toml").as_str(), mode("kept/hall.toml")), ("new", 0o600));
+        write_by_name(&path("link.toml"), |partial| Ok(std::fs::write(partial, "film")?)).unwrap();
+        assert_eq!((text("kept/hall.toml").as_str(), mode("kept/hall.toml")), ("film", 0o600));
+        symlink("/dev/null", path("null.mp4")).unwrap();
+        write_by_name(&path("null.mp4"), |partial| Ok(std::fs::write(partial, "film")?)).unwrap();
+        assert!(is_special(Path::new("/dev/null")) && text("null.mp4") == "film");
+        write_text(&path("dangling.toml"), "first").unwrap();
+        assert_eq!(text("kept/new.toml"), "first");
+        assert!(["link.toml", "second.toml", "dangling.toml"].iter().all(|link| path(link).is_symlink()));
+        assert_eq!(place(&path("second.toml")), place(&path("kept/hall.toml")));
+        assert_eq!(std::fs::read_dir(path("kept")).unwrap().count(), 2, "nothing is left beside them");
+        // Its folder may be written.
+        std::fs::set_permissions(path("kept/hall.toml"), std::fs::Permissions::from_mode(0o444)).unwrap();
+        write_text(&path("kept/hall.toml"), "again").unwrap();
+        assert_eq!((text("kept/hall.toml").as_str(), mode("kept/hall.toml")), ("again", 0o444));
     }
 
     #[test]
