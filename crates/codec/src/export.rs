@@ -132,22 +132,26 @@ pub fn export<'a>(
         job.scale = job.metres()?;
     }
     let written = match (format, &all) {
-        (ExportFormat::Ply, _) => job.write_ply(file)?,
-        (ExportFormat::E57, _) => job.write_e57(file)?,
-        (ExportFormat::Csv, _) => job.write_csv(file)?,
+        (ExportFormat::Ply, _) => job.write_ply(file),
+        (ExportFormat::E57, _) => job.write_e57(file),
+        (ExportFormat::Csv, _) => job.write_csv(file),
         (_, Some(all)) if !all.is_empty() && have_same_extra_dimensions(all) => {
             let before = progress.done();
             let is_compressed = format != ExportFormat::Las;
-            let written = export_records(all, wanted, added, (file, output), is_compressed, memory, progress)?;
+            let written = export_records(all, wanted, added, (file, output), is_compressed, memory, progress);
             job.count_unread(job.most_points(), before);
             written
         }
-        _ => job.write_las(file, format != ExportFormat::Las)?,
+        _ => job.write_las(file, format != ExportFormat::Las),
     };
-    let Some(Written { file, points, mut changes, mut warnings }) = written else { return Ok(None) };
+    if matches!(written, Ok(None)) {
+        return Ok(None);
+    }
+    // A file that was written to meanwhile is at fault, whatever has failed then.
     for source in sources {
         source.bytes().check_as_opened()?;
     }
+    let Some(Written { file, points, mut changes, mut warnings }) = written? else { return Ok(None) };
     if points == 0 {
         return Err(Error::unsuitable(output, "not written: no point is shown"));
     }

@@ -266,10 +266,13 @@ fn a_file_that_was_written_to_is_not_read_further() {
     let later = std::fs::metadata(&path).unwrap().modified().unwrap() + std::time::Duration::from_secs(2);
     std::fs::write(&path, las_file((1, 2), 1, &points(1, 500), &[])).unwrap();
     std::fs::File::options().write(true).open(&path).unwrap().set_modified(later).unwrap();
-    let output = folder.path().join("one.csv");
-    let error = export(&source, &PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap_err();
-    assert!(error.to_string().contains("changed since it was opened"), "{error}");
-    assert!(!output.exists());
+    for name in ["one.csv", "one.las", "one.laz", "one.copc.laz", "one.ply", "one.e57"] {
+        let output = folder.path().join(name);
+        let error = export(&source, &PointTest::default(), &[], &output, MEMORY, &Progress::default()).unwrap_err();
+        let told = error.to_string();
+        assert!(told.contains("first.las: it has been changed since it was opened"), "{name}: {told}");
+        assert!(!output.exists());
+    }
     assert!(named.check_unchanged().unwrap_err().to_string().contains("changed since it was opened"));
 }
 
