@@ -189,6 +189,26 @@ fn hidden_points_are_as_good_as_absent_in_pictures_and_in_their_truth() {
     assert!(outcome.status == Some(0) && outcome.messages.contains("hides all of their points"), "{outcome}");
 }
 
+#[test]
+fn the_legend_names_the_classes_that_are_shown_however_others_are_hidden() {
+    let folder = Folder::new();
+    folder.write("all.las", las(points().iter()));
+    let mut pictures = Vec::new();
+    for (how, hiding) in HIDINGS {
+        folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{hiding}"));
+        let words = "render hiding.toml -o a.png --size 320x240 --method none --set overlay.legend=true";
+        let colors = "--set color.by=class --set light.by=colors";
+        let outcome = folder.glint(words.split(' ').chain(colors.split(' ')));
+        if lacks_adapter(&outcome) {
+            return;
+        }
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        pictures.push((how, std::fs::read(folder.path("a.png")).expect("the picture")));
+    }
+    let (how, first) = &pictures[0];
+    pictures[1..].iter().for_each(|(other, picture)| assert!(picture == first, "{how} and {other} differ"));
+}
+
 /// The points elsewhere, at coordinates that are exact, too.
 fn away(points: Vec<Point>) -> Vec<Point> {
     let away =

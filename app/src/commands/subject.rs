@@ -14,7 +14,6 @@ use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
 use scene::{
     Camera, CloudSettings, ColorBy, Measurement, Mirror, MirrorPoints, MirrorSurface, Object, Settings, Strays,
-    Visibility,
 };
 use serde::Serialize;
 use study::{Exact, Subject, SubjectPart};
@@ -191,7 +190,7 @@ pub fn open(
         let own = world::own_settings(&request.cloud_settings, loaded);
         let shown = upload(&mut resident, loaded, &reflecting, own, settings, &test)?;
         if let Some(part) = shown.first().filter(|_| settings.overlay.legend) {
-            facts.add_legend(&part.plan, &loaded.units, shown_classes(&loaded.cloud, &request.visibility));
+            facts.add_legend(&part.plan, &loaded.units, classes(&loaded.cloud.shown(&test)));
         }
         parts.extend(shown);
     }
@@ -228,13 +227,13 @@ fn extent<'a>(cloud: &'a Assembly, test: &PointTest) -> Extent<'a> {
     Extent { cloud, bounds, outline }
 }
 
-/// The classes that occur in a cloud and are not hidden, in order.
-fn shown_classes(cloud: &Cloud, visibility: &Visibility) -> impl Iterator<Item = u8> {
+/// The classes that occur in a cloud, in order.
+fn classes(cloud: &Cloud) -> impl Iterator<Item = u8> + use<> {
     let column = cloud.class_column();
     let mut occurs = [false; 256];
     for classes in cloud.chunks.iter().filter_map(|chunk| chunk.classes(column)) {
         for class in classes.iter() {
-            occurs[usize::from(*class)] = !visibility.hidden_classes.contains(class);
+            occurs[usize::from(*class)] = true;
         }
     }
     (0..=255).zip(occurs).filter(|(_, occurs)| *occurs).map(|(class, _)| class)

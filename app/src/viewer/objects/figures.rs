@@ -35,6 +35,8 @@ pub struct Figures {
     pub histogram_range: (f64, f64),
     /// The number of points of each class that occurs, in the order of classes; hidden points count too.
     pub classes: Vec<(u8, u64)>,
+    /// The same without points that are hidden.
+    pub shown_classes: Vec<(u8, u64)>,
     /// The bounds of the visible points, without stray points.
     pub bounds: Bounds,
     /// The points that framing must keep in the picture.
@@ -54,17 +56,30 @@ impl Figures {
         let (plan, warning) = ColorPlan::new(&shown, color, up);
         let (histogram, histogram_range) = plan.histogram(&shown, up, HISTOGRAM_BINS);
         let (bounds, outline) = cloud::robust_extent(&shown.chunks);
-        let (classes, strays) = (classes(cloud), cloud.strays());
+        let (shown_classes, classes, strays) = (classes(&shown), classes(cloud), cloud.strays());
         let shown = shown.len();
-        Self { plan, warning, shown, histogram, histogram_range, classes, bounds, outline, strays, noise: None }
+        Self {
+            plan,
+            warning,
+            shown,
+            histogram,
+            histogram_range,
+            classes,
+            shown_classes,
+            bounds,
+            outline,
+            strays,
+            noise: None,
+        }
     }
 
     /// Counts the loaded points of a cloud again; colours and bounds stay.
     pub fn recounted(self, cloud: &Cloud, test: &PointTest, up: DVec3) -> Self {
         let points = cloud.shown(test);
         let (histogram, histogram_range) = self.plan.histogram(&points, up, HISTOGRAM_BINS);
-        let shown = points.len();
-        Self { shown, histogram, histogram_range, classes: classes(cloud), strays: cloud.strays(), ..self }
+        let (shown, shown_classes) = (points.len(), classes(&points));
+        let (classes, strays) = (classes(cloud), cloud.strays());
+        Self { shown, histogram, histogram_range, classes, shown_classes, strays, ..self }
     }
 }
 
@@ -137,9 +152,11 @@ mod tests {
         assert_eq!((all.plan.full_range.1, some.plan.full_range.1), (39.0, 29.0));
         assert!(none.bounds.is_empty() && none.outline.is_empty());
         assert_eq!(some.classes, [(2, 30), (7, 10)]);
+        assert_eq!(some.shown_classes, [(2, 30)]);
         assert_eq!([all.shown, some.shown, none.shown], [40, 30, 0]);
         let again = all.recounted(&cloud, &PointTest::hiding([2]), DVec3::Z);
         assert_eq!((again.histogram.iter().sum::<u32>(), again.shown), (10, 10));
+        assert_eq!(again.shown_classes, [(7, 10)]);
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Fac
     let Visibility { hidden_classes, .. } = &scene.objects.visibility;
     for entry in loaded.clouds.iter().filter(|entry| entry.is_visible) {
         if let Some(figures) = &entry.figures {
-            let classes = figures.classes.iter().map(|(class, _)| *class);
+            let classes = figures.shown_classes.iter().map(|(class, _)| *class);
             let shown = classes.filter(|class| !hidden_classes.contains(class));
             facts.add_legend(&figures.plan, &entry.units, shown);
         }
