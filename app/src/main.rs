@@ -1,5 +1,6 @@
 //! `glint`: parses the command line, runs the command, and ends with an exit status that scripts rely on: 0 success, 1
-//! the work failed, 2 bad usage or unreadable input, 3 no display or adapter, 130 interrupted.
+//! the work failed, 2 bad usage or unreadable input, 3 no display or adapter, 130 interrupted (143 by SIGTERM, 129 by
+//! SIGHUP).
 
 mod commands;
 mod overlays;
@@ -40,12 +41,16 @@ fn main() -> ExitCode {
     std::panic::catch_unwind(move || run(line)).map_or(ExitCode::from(failure::FAILED), ended)
 }
 
-/// Reports an error, if there is one, and returns the exit status. Any error after Ctrl-C counts as an interruption.
+/// Reports an error, if there is one, and returns the exit status. Any error after Ctrl-C, or after a signal to end, counts
+/// as an interruption.
 fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
     ExitCode::from(outcome.unwrap_or_else(|error| {
         let error = if interrupt::is_wanted() { failure::Interrupted.into() } else { error };
         complain(&failure::message(&error));
-        failure::exit_status(&error)
+        match failure::exit_status(&error) {
+            failure::INTERRUPTED => interrupt::status(),
+            status => status,
+        }
     }))
 }
 

@@ -488,8 +488,40 @@ fn wait_for_work(program: &mut Child) {
     }
 }
 
+/// Whether programs that are started here ignore that their terminal is closed.
+fn ignores_hangup() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_none_or(|mask| mask & 1 == 1)
+}
+
+#[cfg(unix)]
 #[test]
-fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
+fn a_program_that_nohup_starts_outlives_its_terminal() {
+    let folder = Folder::new();
+    las(&folder, "large.las", 200_000_000);
+    let of_glint = folder.command(["info", "--scan", "large.las"]);
+    let mut shell = Command::new("sh");
+    shell.args(["-c", "trap '' HUP; exec \"$@\"", "sh"]).arg(of_glint.get_program()).args(of_glint.get_args());
+    for (name, value) in of_glint.get_envs() {
+        match value {
+            Some(value) => shell.env(name, value),
+            None => shell.env_remove(name),
+        };
+    }
+    shell.current_dir(folder.path("")).stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
+    let mut program = shell.spawn().expect("the program starts");
+    wait_for_work(&mut program);
+    let send = |signal: &str| Command::new("kill").args([signal, &program.id().to_string()]).status();
+    assert!(send("-HUP").is_ok_and(|status| status.success()));
+    std::thread::sleep(Duration::from_secs(1));
+    let sent = send("-TERM");
+    assert!(sent.is_ok_and(|status| status.success()));
+    assert_eq!(program.wait().expect("its end").code(), Some(143));
+}
+
+#[test]
+fn ctrl_c_and_signals_end_every_command_and_leave_no_partial_files() {
     let folder = Folder::new();
     // Many seconds of work, whatever is done with them.
     las(&folder, "large.las", 200_000_000);
@@ -507,7 +539,13 @@ fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
         &record,
         &["study", "plan.toml", "--size", "64x48", "--set", FEW_POINTS, "-o", "results"],
     ];
-    for words in commands {
+    let ends = commands.map(|words| (words, "-INT", 130)).into_iter();
+    let signals = [("-TERM", 143), ("-HUP", 129)].map(|(signal, status)| (commands[1], signal, status));
+    for (words, signal, status) in ends.chain(signals) {
+        if signal == "-HUP" && ignores_hangup() {
+            println!("skipped: SIGHUP is ignored");
+            continue;
+        }
         let mut command = folder.command(words);
         command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
         let mut program = command.spawn().expect("the program starts");
@@ -519,12 +557,12 @@ fn ctrl_c_ends_every_command_with_130_and_leaves_no_partial_files() {
             continue;
         }
         let pressed = Instant::now();
-        let sent = Command::new("kill").args(["-INT", &program.id().to_string()]).status();
+        let sent = Command::new("kill").args([signal, &program.id().to_string()]).status();
         assert!(sent.is_ok_and(|status| status.success()));
         let output = program.wait_with_output().expect("its end");
         assert!(pressed.elapsed() < PATIENCE, "{words:?} ended after {:?}", pressed.elapsed());
         let messages = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(130), "{words:?}: {messages}");
+        assert_eq!(output.status.code(), Some(status), "{words:?}: {messages}");
         assert_eq!(messages, "glint: interrupted\n", "{words:?}");
         for name in names(&folder.path("")) {
             let name = name.to_string_lossy();

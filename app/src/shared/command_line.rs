@@ -23,7 +23,8 @@ use crate::system::terminal::escaped;
     version = env!("GLINT_VERSION"),
     args_conflicts_with_subcommands = true,
     disable_help_subcommand = true,
-    after_help = "Exit status: 0 done, 1 the work failed, 2 bad usage or unreadable input, 3 no display or no adapter, 130 interrupted"
+    after_help = "Exit status: 0 done, 1 the work failed, 2 bad usage or unreadable input, 3 no display or no adapter, 130 \
+                  interrupted (143 by SIGTERM, 129 by SIGHUP)"
 )]
 pub struct CommandLine {
     #[command(subcommand)]

@@ -11,7 +11,7 @@ pub struct Usage(pub String);
 #[derive(Debug)]
 pub struct NoScreen(pub String);
 
-/// The user pressed Ctrl-C; the exit status is 130.
+/// The user pressed Ctrl-C, or a signal has asked the program to end; the exit status is `interrupt::status`.
 #[derive(Debug)]
 pub struct Interrupted;
 

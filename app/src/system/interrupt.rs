@@ -1,7 +1,8 @@
-//! Handles Ctrl-C: asks the work under way to stop and to remove what it has begun, and ends the program with an exit
-//! status of its own.
+//! Handles Ctrl-C, and the signals by which a terminal that is closed or another program ends this one: asks the work
+//! under way to stop and to remove what it has begun, and ends the program with an exit status of its own.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
 
 use cloud::Progress;
@@ -9,16 +10,17 @@ use cloud::Progress;
 use crate::system::failure::{INTERRUPTED, Interrupted};
 use crate::system::terminal::complain;
 
-static IS_WANTED: AtomicBool = AtomicBool::new(false);
+/// The exit status that the program shall end with; 0 until it is asked to.
+static WANTED: AtomicU8 = AtomicU8::new(0);
 
 /// Work that has not stopped after this time is abandoned, for example a driver that compiles shaders.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// From now on Ctrl-C asks the work to stop, and calls `wake` to wake threads that do not call `check`. The program
-/// ends at once on a second Ctrl-C, or if the work has not stopped after `PATIENCE`.
-pub fn catch(wake: impl Fn() + Send + 'static) {
-    let stop = move || {
-        if IS_WANTED.swap(true, Ordering::Relaxed) {
+/// From now on Ctrl-C and signals to end ask the work to stop, and call `wake` to wake threads that do not call `check`.
+/// The program ends at once on a second one, or if the work has not stopped after `PATIENCE`.
+pub fn catch(wake: impl Fn() + Send + Sync + 'static) {
+    let stop = Arc::new(move |status| {
+        if WANTED.compare_exchange(0, status, Ordering::Relaxed, Ordering::Relaxed).is_err() {
             end();
         }
         wake();
@@ -26,18 +28,42 @@ pub fn catch(wake: impl Fn() + Send + 'static) {
             std::thread::sleep(PATIENCE);
             end();
         });
-    };
-    // If the handler cannot be set, Ctrl-C ends the program at once, and the next run removes what was begun.
-    if let Err(error) = ctrlc::set_handler(stop) {
+    });
+    // If no handler can be set, Ctrl-C or the signal ends the program at once.
+    #[cfg(unix)]
+    if let Err(error) = catch_signals(stop.clone()) {
+        tracing::debug!(%error, "signals");
+    }
+    if let Err(error) = ctrlc::set_handler(move || stop(INTERRUPTED)) {
         tracing::debug!(%error, "Ctrl-C");
     }
+}
+
+/// Calls `stop` for each signal to end but that of Ctrl-C, with the exit status by which shells report it.
+#[cfg(unix)]
+fn catch_signals(stop: Arc<impl Fn(u8) + Send + Sync + 'static>) -> std::io::Result<()> {
+    use signal_hook::consts::{SIGHUP, SIGTERM};
+    let ends_with_terminal = if ends_with_terminal() { Some(SIGHUP) } else { None };
+    let mut signals = signal_hook::iterator::Signals::new([SIGTERM].into_iter().chain(ends_with_terminal))?;
+    std::thread::spawn(move || signals.forever().for_each(|signal| stop(128 + signal as u8)));
+    Ok(())
+}
+
+/// Whether the program ends when its terminal is closed: `nohup` starts programs that do not. Where the system does not
+/// say so, nothing is changed about that.
+#[cfg(unix)]
+fn ends_with_terminal() -> bool {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return false };
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    ignored.is_some_and(|mask| mask & 1 << (signal_hook::consts::SIGHUP - 1) == 0)
 }
 
 /// From now on the end of standard input asks the work to stop, too.
 pub fn catch_end_of_input() {
     std::thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
-        IS_WANTED.store(true, Ordering::Relaxed);
+        let _ = WANTED.compare_exchange(0, INTERRUPTED, Ordering::Relaxed, Ordering::Relaxed);
         std::thread::sleep(PATIENCE);
         end();
     });
@@ -45,18 +71,26 @@ pub fn catch_end_of_input() {
 
 fn end() -> ! {
     complain(&Interrupted.to_string());
-    std::process::exit(i32::from(INTERRUPTED))
+    std::process::exit(i32::from(status()))
 }
 
-/// Whether Ctrl-C was pressed.
+/// Whether Ctrl-C was pressed, or a signal has asked the program to end.
 pub fn is_wanted() -> bool {
-    IS_WANTED.load(Ordering::Relaxed)
+    WANTED.load(Ordering::Relaxed) != 0
+}
+
+/// The exit status after an interruption: 130 after Ctrl-C.
+pub fn status() -> u8 {
+    match WANTED.load(Ordering::Relaxed) {
+        0 => INTERRUPTED,
+        wanted => wanted,
+    }
 }
 
 /// Fails after Ctrl-C; callers call it between two steps of their work.
 ///
 /// # Errors
-/// If Ctrl-C was pressed.
+/// If Ctrl-C was pressed, or a signal has asked the program to end.
 pub fn check() -> anyhow::Result<()> {
     if is_wanted() { Err(Interrupted.into()) } else { Ok(()) }
 }
