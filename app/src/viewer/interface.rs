@@ -406,7 +406,7 @@ mod tests {
         *harness.state_mut() = Session::with_two_points();
         harness.state_mut().act(Action::AddMirror(scene::Shape::Sphere));
         harness.state_mut().act(Action::File(Filing::SaveTo(place.clone())));
-        harness.state_mut().on_found(Found::SceneSaved { path: place, result: Ok(()) });
+        harness.state_mut().on_found(Found::SceneSaved { path: place, result: Ok(0) });
         harness.run_ok();
         harness.state_mut().act(Action::OpenTab(Tab::Mirrors));
         harness.run_ok();

@@ -43,7 +43,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
         session.palette.is_some() || session.tools.picture_draft.is_some() || session.filming.recording.asked.is_some();
     if is_typing || list_has_keys(ui) || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
-        if session.palette.is_none() && session.path_prompt.is_none() && session.document.asked.is_none() {
+        if session.palette.is_none() && session.path_prompt.is_none() && !session.document.asks() {
             let asked = ui.input(|input| input.events.iter().find_map(|event| saving(event, session)));
             if let Some(action) = asked {
                 save_after_typing(ui, action, actions);
@@ -51,7 +51,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
         }
     } else if !has_dialog {
         let mut events = ui.input(|input| input.events.clone());
-        if session.document.asked.is_some() {
+        if session.document.asks() {
             // Esc answers the question; what is pressed after it, in the same frame of the window, acts.
             let is_esc = |event: &Event| matches!(event, Event::Key { key: egui::Key::Escape, pressed: true, .. });
             let after = events.iter().rposition(is_esc).map_or(events.len(), |esc| esc + 1);
@@ -71,7 +71,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
         }
         let mut shortcuts: HashSet<egui::Key> = ui.data(|data| data.get_temp(shortcut_keys())).unwrap_or_default();
         keys(ui, &events, session, was_typing, &mut shortcuts, actions);
-        if session.document.asked.is_none() {
+        if !session.document.asks() {
             held(ui, session, &shortcuts, actions);
         }
         ui.data_mut(|data| data.insert_temp(shortcut_keys(), shortcuts));

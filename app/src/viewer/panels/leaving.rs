@@ -1,5 +1,5 @@
-//! The questions about unsaved work: what to do with it before it would be lost, and whether to restore what a program
-//! has left that ended before it was saved.
+//! The questions about unsaved work: what to do with it before it would be lost, or where another program has changed its
+//! file, and whether to restore what a program has left that ended before it was saved.
 
 use egui::{Key, RichText};
 
@@ -14,6 +14,8 @@ use crate::viewer::session::document::Leaving;
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     if let Some(leaving) = &session.document.asked {
         unsaved(context, session, leaving, actions);
+    } else if session.document.asks_to_replace {
+        changed(context, session, actions);
     } else {
         left(context, session, actions);
     }
@@ -47,6 +49,34 @@ fn unsaved(context: &egui::Context, session: &Session, leaving: &Leaving, action
             ];
             let given = answers.into_iter().find(|(is_given, _)| *is_given);
             actions.extend(given.map(|(_, answer)| Action::File(answer)));
+        });
+    });
+}
+
+/// Asks what to do with a file that is not as this window knows it. Nothing is replaced unasked, so no button has the
+/// keyboard.
+fn changed(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
+    egui::Modal::new(egui::Id::unique("changed")).show(context, |ui| {
+        ui.set_max_width(420.0);
+        ui.heading(text!("Replace the file?"));
+        let name = session.document.place.as_ref().map(|place| place.display().to_string()).unwrap_or_default();
+        ui.label(text!(
+            "Another program has changed {name} since it was opened or saved here. The scene is not saved yet.",
+            name = short_name(&name)
+        ));
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            let answers = [
+                (
+                    ui.button(text!("Replace")).on_hover_text(text!("What the other program has written is lost")),
+                    Filing::Replace,
+                ),
+                (ui.button(text!("Save as…")), Filing::SaveAs),
+                (ui.button(text!("Cancel")), Filing::Stay),
+            ];
+            let is_esc = ui.input(|input| input.key_pressed(Key::Escape));
+            let given = answers.into_iter().find(|(button, _)| button.clicked()).map(|(_, answer)| answer);
+            actions.extend(given.or(is_esc.then_some(Filing::Stay)).map(Action::File));
         });
     });
 }
@@ -100,6 +130,7 @@ mod tests {
     use super::*;
     use crate::viewer::interface;
     use crate::viewer::requests::outside::{Asked, Effect};
+    use crate::viewer::requests::work::Work;
 
     #[test]
     fn the_question_names_the_scene_and_each_button_answers_it() {
@@ -121,6 +152,34 @@ mod tests {
         let effects = &harness.state().outside.effects;
         let asks_place = effects.iter().any(|effect| matches!(effect, Effect::AskPlace(Asked::Scene, _)));
         assert!(asks_place, "a scene without a file asks for its place");
+    }
+
+    #[test]
+    fn a_file_that_another_program_has_changed_is_asked_about_with_three_answers() {
+        let mut harness = Harness::builder().with_size([800.0, 600.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| show(ui.ctx(), session, actions));
+            },
+            Session::with_two_points(),
+        );
+        let place = std::path::PathBuf::from("/scans/hall.toml");
+        for (button, saves, asks_place) in
+            [("Cancel", false, false), ("Save as…", false, true), ("Replace", true, false)]
+        {
+            let session = harness.state_mut();
+            session.outside.effects.clear();
+            (session.document.place, session.document.asks_to_replace) = (Some(place.clone()), true);
+            harness.run_ok();
+            assert!(harness.query_by_label_contains("Another program has changed hall.toml").is_some());
+            harness.get_by_label(button).click();
+            harness.run_ok();
+            let effects = &harness.state().outside.effects;
+            let is_saved = |effect: &Effect| matches!(effect, Effect::Work(Work::SaveScene { known: None, path, .. }) if *path == place);
+            assert_eq!(effects.iter().any(is_saved), saves, "{button}");
+            let is_asked = |effect: &Effect| matches!(effect, Effect::AskPlace(Asked::Scene, _));
+            assert_eq!(effects.iter().any(is_asked), asks_place, "{button}");
+            assert!(!harness.state().document.asks());
+        }
     }
 
     #[test]

@@ -145,6 +145,8 @@ pub enum Filing {
     /// Asks for a place first.
     SaveAs,
     SaveTo(PathBuf),
+    /// Saves the scene in its place, though another program has changed the file.
+    Replace,
     /// No place was chosen.
     NoPlace,
     /// Closes everything and opens another scene file.

@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -137,9 +138,11 @@ pub enum Work {
     },
     /// Writes the results of a sweep.
     SaveSweep(Box<SweepResult>),
+    /// Writes a scene file. One that another program has changed is left as it is: whose checksum is not `known`.
     SaveScene {
         path: PathBuf,
         text: String,
+        known: Option<u32>,
     },
     /// Keeps unsaved work against a crash: a scene that belongs to the file `place`. Without text it removes what was
     /// kept.
@@ -260,9 +263,14 @@ pub enum Found {
         folder: PathBuf,
         result: Result<(), String>,
     },
+    /// `result` holds the checksum of what was written.
     SceneSaved {
         path: PathBuf,
-        result: Result<(), String>,
+        result: Result<u32, String>,
+    },
+    /// Nothing was written, because the file is not as it was known.
+    SceneChanged {
+        path: PathBuf,
     },
     Kept(Result<(), String>),
     /// `result` holds `None` if the work was cancelled.
@@ -285,6 +293,15 @@ pub enum Found {
         result: Result<(), String>,
     },
     CacheSize(u64),
+}
+
+/// The checksum of a scene file, which tells whether another program has changed it; 0 if it is empty or not there.
+pub fn checksum(file: &Result<String, scene::Error>) -> u32 {
+    match file {
+        Ok(text) => crc32fast::hash(text.as_bytes()),
+        Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => 0,
+        Err(problem) => crc32fast::hash(problem.to_string().as_bytes()),
+    }
 }
 
 impl Work {
@@ -390,11 +407,16 @@ impl Work {
             }
             Self::Profile(work) => found(Found::Profile(work.run())),
             Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),
-            Self::SaveScene { path, text } => {
+            Self::SaveScene { path, text, known } => {
+                let before = scene::whole_file::read(&path);
+                let now = checksum(&before);
+                if known.is_some_and(|known| now != known && now != 0) {
+                    return found(Found::SceneChanged { path });
+                }
                 // A person may have written the file that is replaced.
-                let before = scene::whole_file::read(&path).unwrap_or_default();
-                let text = scene::with_comments(&text, &before);
-                let result = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
+                let text = scene::with_comments(&text, &before.unwrap_or_default());
+                let written = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
+                let result = written.map(|()| checksum(&Ok(text)));
                 found(Found::SceneSaved { path, result });
             }
             Self::Keep { keeper, text, place } => {

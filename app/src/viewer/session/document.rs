@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use scene::Settings;
+use scene::{Settings, whole_file};
 use serde_json::json;
 use world::{CloudKey, Event};
 
 use crate::shared::language::text;
+use crate::system::picture_file;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::objects::Objects;
@@ -22,7 +23,7 @@ use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::requests::outside::{Asked, Effect, Outside};
 use crate::viewer::requests::preferences::Preferences;
-use crate::viewer::requests::work::Work;
+use crate::viewer::requests::work::{Work, checksum};
 use crate::viewer::scene::Scene;
 use crate::viewer::scene::confines::Confines;
 use crate::viewer::scene::past_views::PastViews;
@@ -61,6 +62,8 @@ pub enum Next {
 pub struct Document {
     /// Where the scene is saved; `None` until a person has chosen a place.
     pub place: Option<PathBuf>,
+    /// The checksum of the file there when this window last read or wrote it.
+    known: u32,
     /// What was saved or opened; `None` if nothing of it was.
     saved: Option<State>,
     /// The words that would open all clouds of the scene, also of those that are still to come or cannot be read.
@@ -70,6 +73,8 @@ pub struct Document {
     saving: Option<(PathBuf, State)>,
     /// What waits for the person's decision about unsaved work.
     pub asked: Option<Leaving>,
+    /// Whether the person is asked about replacing the file, which another program has changed.
+    pub asks_to_replace: bool,
     /// What follows when the scene is saved.
     then: Option<Leaving>,
     /// Keeps unsaved work; `None` where nothing is kept.
@@ -91,11 +96,13 @@ impl Default for Document {
     fn default() -> Self {
         Self {
             place: None,
+            known: 0,
             saved: Some(State::default()),
             inputs: Vec::new(),
             restored_inputs: Vec::new(),
             saving: None,
             asked: None,
+            asks_to_replace: false,
             then: None,
             keeper: None,
             kept: None,
@@ -120,6 +127,14 @@ impl Scene {
     }
 }
 
+/// The folder from which a scene file at a path names its clouds; `None` where whole paths are needed, because a link in
+/// one folder leads to a file in another, and both are opened.
+fn folder_of_names(path: &Path) -> Option<&Path> {
+    let folder = path.parent()?;
+    let is_there = |real: PathBuf| picture_file::place(path).parent() == Some(&real);
+    folder.canonicalize().map_or(true, is_there).then_some(folder)
+}
+
 impl Document {
     /// Notes that words were opened beside what is open.
     pub fn add_inputs(&mut self, names: impl IntoIterator<Item = String>) {
@@ -135,8 +150,9 @@ impl Document {
         let place = if let [one] = scene_files { std::path::absolute(one).ok() } else { None };
         if let Some(place) = &place {
             preferences.remember_session(&place.display().to_string());
+            self.known = checksum(&whole_file::read(place));
         }
-        self.place = place;
+        (self.place, self.asks_to_replace) = (place, false);
         self.saved = Some(self.state(scene));
     }
 
@@ -154,7 +170,7 @@ impl Document {
             self.restored_inputs.retain(|known| known != input);
         }
         if loaded.is_empty() {
-            (self.place, self.saved) = (None, Some(State::default()));
+            (self.place, self.saved, self.asks_to_replace) = (None, Some(State::default()), false);
             self.inputs.clear();
             self.restored_inputs.clear();
         }
@@ -189,6 +205,11 @@ impl Document {
         }
     }
 
+    /// Whether a question waits for the person's answer.
+    pub fn asks(&self) -> bool {
+        self.asked.is_some() || self.asks_to_replace
+    }
+
     /// The window's title: what is open, a star if something is unsaved, and the number of points.
     pub fn title(&self, is_unsaved: bool, loaded: &Loaded) -> String {
         let star = if is_unsaved { "*" } else { "" };
@@ -212,15 +233,24 @@ impl Document {
     ) -> Option<Next> {
         match filing {
             Filing::Save => self.save(scene, loaded, outside),
-            Filing::SaveAs => self.ask_place(loaded, outside),
-            Filing::SaveTo(path) => self.save_to(path, scene, loaded, outside),
+            Filing::Replace => {
+                self.asks_to_replace = false;
+                if let Some(place) = self.place.clone() {
+                    self.save_to(place, None, scene, loaded, outside);
+                }
+            }
+            Filing::SaveAs => {
+                self.asks_to_replace = false;
+                self.ask_place(loaded, outside);
+            }
+            Filing::SaveTo(path) => self.save_to(path, None, scene, loaded, outside),
             Filing::NoPlace => self.on_no_place(),
             Filing::SaveAndLeave => {
                 self.then = self.asked.take();
                 self.save(scene, loaded, outside);
             }
             Filing::Discard => return self.asked.take().map(Next::Go),
-            Filing::Stay => self.asked = None,
+            Filing::Stay => (self.asked, self.asks_to_replace, self.then) = (None, false, None),
             Filing::Open(path) => return Some(Next::Leave(Leaving::Open(path))),
             Filing::Restore => return Some(Next::Leave(Leaving::Restore)),
             Filing::DeleteLeft => self.delete_abandoned(),
@@ -235,8 +265,9 @@ impl Document {
 
     /// Saves the scene where it was saved before, or asks for a place.
     fn save(&mut self, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+        self.asks_to_replace = false;
         match self.place.clone() {
-            Some(place) => self.save_to(place, scene, loaded, outside),
+            Some(place) => self.save_to(place, Some(self.known), scene, loaded, outside),
             None => self.ask_place(loaded, outside),
         }
     }
@@ -252,7 +283,8 @@ impl Document {
         outside.push(Effect::AskPlace(Asked::Scene, free_path(folder, &name, "toml")));
     }
 
-    fn save_to(&mut self, path: PathBuf, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
+    /// Saves the scene to a file; only if that is as it was `known`, where a person has not decided to replace it.
+    fn save_to(&mut self, path: PathBuf, known: Option<u32>, scene: &Scene, loaded: &Loaded, outside: &mut Outside) {
         if self.saving.is_some() {
             return outside.note(text!("The scene is being saved already"));
         }
@@ -265,7 +297,7 @@ impl Document {
             return outside.say(Level::Error, text);
         }
         let path = std::path::absolute(&named).unwrap_or(named);
-        let text = match scene.session_text(&self.inputs, loaded, path.parent()) {
+        let text = match scene.session_text(&self.inputs, loaded, folder_of_names(&path)) {
             Ok(text) => text,
             Err(problem) => {
                 self.then = None;
@@ -279,7 +311,16 @@ impl Document {
             ));
         }
         self.saving = Some((path.clone(), self.state(scene)));
-        outside.work(Work::SaveScene { path, text });
+        outside.work(Work::SaveScene { path, text, known });
+    }
+
+    /// Takes in that the file is not as this window knows it: the person decides whether it is replaced. What was to
+    /// follow waits.
+    pub fn on_changed(&mut self, path: &Path, outside: &mut Outside) {
+        if self.saving.take_if(|(place, _)| place == path).is_some() {
+            self.asks_to_replace = true;
+            outside.log(json!({ "event": "asked" }));
+        }
     }
 
     /// Takes in whether the scene was written. Returns what was to follow. Where it could not be written to a new place,
@@ -287,19 +328,20 @@ impl Document {
     pub fn on_saved(
         &mut self,
         path: &Path,
-        result: &Result<(), String>,
+        result: &Result<u32, String>,
         preferences: &mut Preferences,
         outside: &mut Outside,
     ) -> Option<Leaving> {
         let (place, state) = self.saving.take().filter(|(place, _)| place == path)?;
         let then = self.then.take();
-        if result.is_err() {
+        let Ok(known) = result else {
             if self.place.as_ref() != Some(&place) {
                 self.then = then;
                 outside.push(Effect::AskPlace(Asked::Scene, place));
             }
             return None;
-        }
+        };
+        self.known = *known;
         preferences.remember_session(&place.display().to_string());
         (self.place, self.saved) = (Some(place), Some(state));
         then
@@ -315,6 +357,7 @@ impl Document {
     /// Forgets the file and everything about it, since all is closed.
     pub fn forget(&mut self) {
         (self.place, self.saved, self.saving, self.then) = (None, Some(State::default()), None, None);
+        self.asks_to_replace = false;
         self.inputs.clear();
         self.restored_inputs.clear();
     }
@@ -436,6 +479,7 @@ impl Document {
 
     /// Notes that what is open was restored: nothing of it is saved at `place`.
     pub fn on_restored(&mut self, place: Option<PathBuf>) {
+        self.known = place.as_ref().map_or(0, |place| checksum(&whole_file::read(place)));
         (self.place, self.saved, self.restored_inputs) = (place, None, self.inputs.clone());
     }
 }

@@ -93,6 +93,82 @@ fn a_scene_file_is_saved_in_its_place_and_the_title_tells_what_is_unsaved() {
     assert_eq!(sessions, ["other.toml", "hall.toml"]);
 }
 
+#[test]
+fn a_file_that_another_program_has_changed_is_replaced_only_where_a_person_says_so() {
+    let (folder, mut session) = session();
+    let file = folder.path().join("hall.toml");
+    let text = || std::fs::read_to_string(&file).unwrap();
+    session.act(Action::AddMirror(Shape::Sphere));
+    let change = || {
+        let noted = text() + "[[notes]]\ntext = \"a door\"\nposition = [0.0, 0.0, 0.0]\n";
+        std::fs::write(&file, &noted).unwrap();
+        noted
+    };
+    let noted = change();
+    session.act(Action::File(Filing::Save));
+    settle(&mut session);
+    assert!(session.document.asks_to_replace && session.is_unsaved());
+    assert_eq!(text(), noted, "nothing is written yet");
+    session.act(Action::File(Filing::Stay));
+    assert!(!session.document.asks());
+    // Neither where the window was to close.
+    session.act(Action::Quit);
+    session.act(Action::File(Filing::SaveAndLeave));
+    settle(&mut session);
+    assert!(session.document.asks_to_replace && !session.wants_to_quit);
+    assert_eq!(text(), noted);
+    // Elsewhere: the file stays, and the window leaves as it was told to.
+    session.act(Action::File(Filing::SaveAs));
+    assert!(asked_place(&settle(&mut session)).is_some() && !session.document.asks());
+    session.act(Action::File(Filing::SaveTo(folder.path().join("other.toml"))));
+    settle(&mut session);
+    assert!(session.wants_to_quit && text() == noted);
+    // What this window has written is its own, and what it was told to replace is replaced.
+    session.act(Action::File(Filing::SaveTo(file.clone())));
+    settle(&mut session);
+    assert!(text().contains("[[mirrors]]") && !text().contains("[[notes]]"));
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::File(Filing::Save));
+    settle(&mut session);
+    assert!(!session.document.asks() && !session.is_unsaved());
+    let noted = change();
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::File(Filing::Save));
+    settle(&mut session);
+    assert_eq!(text(), noted);
+    session.act(Action::File(Filing::Replace));
+    settle(&mut session);
+    assert!(!session.document.asks() && !session.is_unsaved() && !text().contains("[[notes]]"));
+    // A file that is gone is made anew.
+    std::fs::remove_file(&file).unwrap();
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::File(Filing::Save));
+    settle(&mut session);
+    assert!(!session.is_unsaved() && text().contains("[[mirrors]]"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_scene_behind_a_link_is_saved_in_its_file_and_opens_by_both_names() {
+    let (folder, _) = session();
+    std::fs::create_dir(folder.path().join("links")).unwrap();
+    let (file, link) = (folder.path().join("hall.toml"), folder.path().join("links/hall.toml"));
+    std::os::unix::fs::symlink("../hall.toml", &link).unwrap();
+    let cloud = folder.path().join("three.ply");
+    std::fs::write(&file, format!("clouds = [{:?}]\n", cloud.display().to_string())).unwrap();
+    let mut session = Session::new(Preferences::default());
+    assert!(session.open(std::slice::from_ref(&link)));
+    settle(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::File(Filing::Save));
+    settle(&mut session);
+    assert!(link.is_symlink() && !session.is_unsaved());
+    for name in [file, link] {
+        let (scene, clouds) = SceneFile::read(&name).unwrap();
+        assert_eq!((scene.mirrors.len(), clouds.as_slice()), (1, &[cloud.clone()][..]), "{}", name.display());
+    }
+}
+
 /// An object of each kind that is drawn over the picture.
 fn marks() -> [Object; 3] {
     let (points, color) = (vec![DVec3::ZERO, DVec3::X], [1.0, 0.5, 0.0]);
@@ -170,9 +246,12 @@ fn a_saved_scene_brings_back_everything_that_a_person_has_made() {
 
 #[test]
 fn a_file_that_a_person_wrote_keeps_its_comments_when_it_is_saved() {
-    let (folder, mut session) = session();
+    let (folder, _) = session();
     let place = folder.path().join("hall.toml");
     std::fs::write(&place, "# The hall, first floor.\nclouds = [\"three.ply\"] # of May\n").unwrap();
+    let mut session = Session::new(Preferences::default());
+    assert!(session.open(std::slice::from_ref(&place)));
+    settle(&mut session);
     session.act(Action::AddMirror(Shape::Sphere));
     for mirrors in [1, 2] {
         session.act(Action::File(Filing::Save));

@@ -316,9 +316,10 @@ impl Session {
             Found::SweepSaved { folder, result } => sweep::on_saved(&folder, result, &mut self.outside),
             Found::SceneSaved { path, result } => {
                 let then = self.document.on_saved(&path, &result, &mut self.preferences, &mut self.outside);
-                self.outside.scene_saved(&path, result);
+                self.outside.scene_saved(&path, result.map(drop));
                 then.into_iter().for_each(|leaving| self.leave(leaving));
             }
+            Found::SceneChanged { path } => self.document.on_changed(&path, &mut self.outside),
             Found::Kept(result) => self.document.on_kept(result, &mut self.outside),
             Found::Exported { path, result } => self.loaded.on_exported(&path, result, &mut self.outside),
             Found::Compared(comparison) => self.with_loaded(|loaded, beside| loaded.on_compared(*comparison, beside)),
