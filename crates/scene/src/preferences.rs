@@ -40,7 +40,7 @@ pub struct Preferences {
     pub panel_is_open: bool,
     /// The name of the panel's tab that is open.
     pub tab: String,
-    /// The recent files, newest first, as given to the command line.
+    /// The recent files, newest first: whole paths, and addresses.
     pub recent: Vec<String>,
     /// The scene files that were saved or opened, newest first.
     pub sessions: Vec<String>,

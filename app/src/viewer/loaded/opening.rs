@@ -71,7 +71,11 @@ impl Loaded {
             .log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
         // A streamed cloud has no source to look records up in; a built-in scene has no file.
         if opened.source.is_some() || Path::new(&opened.input).exists() {
-            beside.preferences.remember_file(&opened.input);
+            // The next start may be in another folder.
+            let is_address = codec::is_address(Path::new(&opened.input));
+            let whole = std::path::absolute(&opened.input).ok().filter(|_| !is_address);
+            let whole = whole.map_or_else(|| opened.input.clone(), |path| path.display().to_string());
+            beside.preferences.remember_file(&whole);
         }
         let bounds = opened.source.as_ref().and_then(|source| source.info().bounds);
         let key = self.next_cloud_key();

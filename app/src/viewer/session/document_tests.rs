@@ -169,6 +169,20 @@ fn a_scene_behind_a_link_is_saved_in_its_file_and_opens_by_both_names() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn recent_files_are_found_from_every_folder() {
+    let (folder, _) = session();
+    let here = std::env::current_dir().unwrap();
+    let root: PathBuf = here.components().skip(1).map(|_| "..").collect();
+    let cloud = root.join(folder.path().strip_prefix("/").unwrap()).join("three.ply");
+    assert!(cloud.is_relative());
+    let mut session = Session::new(Preferences::default());
+    assert!(session.open(std::slice::from_ref(&cloud)));
+    settle(&mut session);
+    assert_eq!(session.preferences.recent, [here.join(cloud).display().to_string()]);
+}
+
 /// An object of each kind that is drawn over the picture.
 fn marks() -> [Object; 3] {
     let (points, color) = (vec![DVec3::ZERO, DVec3::X], [1.0, 0.5, 0.0]);
