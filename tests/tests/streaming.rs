@@ -14,7 +14,7 @@ const ALWAYS: &str = "stream.pages=always";
 /// Longer than any step of a run on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A hilly square of 100 m with blocks on it as LAS 1.2, point format 2: `points` of it in rows from `first` to `last`, shares
+/// A hilly square of 100 m with blocks on it, which alone have user data, as LAS 1.2, point format 2: `points` of it in rows from `first` to `last`, shares
 /// of the whole.
 fn scan(points: usize, first: f64, last: f64) -> Vec<u8> {
     const SCALE: f64 = 0.001;
@@ -41,7 +41,7 @@ fn scan(points: usize, first: f64, last: f64) -> Vec<u8> {
         let class = if is_block { 6 } else { 2 };
         records.extend((1000 + (x * 300.0) as u16).to_le_bytes());
         // The only return; class; scan angle, user data, source.
-        records.extend([0b00_1001, class, 0, 0, 0, 0]);
+        records.extend([0b00_1001, class, 0, u8::from(is_block), 0, 0]);
         let shade = 0.5 + 0.5 * (x / 3.0).sin() * (y / 4.0).sin();
         let color = if is_block { [220.0, 90.0, 60.0] } else { [60.0 + 120.0 * shade, 160.0, 70.0 + 60.0 * shade] };
         records.extend(color.iter().flat_map(|value| (*value as u16 * 257).to_le_bytes()));
@@ -175,6 +175,24 @@ fn pages_give_the_picture_that_memory_gives_and_a_tenth_of_them_nearly() {
         println!("{light}: FLIP of a tenth of the points: {seen}");
         assert!(seen < 0.05, "{light}: {seen}");
     }
+}
+
+/// An index keeps few attributes unless it is asked to.
+#[test]
+fn points_of_a_streamed_cloud_are_mirrors_by_any_attribute_of_its_file() {
+    let folder = folder();
+    folder.write("scan.las", scan(60_000, 0.0, 1.0));
+    let blocks = "[[mirror_points]]\ncloud = \"scan.las\"\n\
+        points = { attribute = { name = \"user_data\", low = 1.0, high = 1.0 } }\n";
+    folder.write("blocks.toml", format!("clouds = [\"scan.las\"]\n{blocks}"));
+    let pictures = ["stream.pages=never", ALWAYS].map(|pages| {
+        let light = ["--set", "light.by=headlight"];
+        let all = ["--set", "stream.detail=0.25", "--set", "stream.unseen=1"];
+        render(&folder, &[&["blocks.toml", "--set", pages][..], &light, &all].concat()).map(|(picture, _)| picture)
+    });
+    let [Some(memory), Some(pages)] = pictures else { return };
+    let others = share_of_others(&memory, &pages);
+    assert!(others < 0.01, "{others} of the pixels differ");
 }
 
 #[test]

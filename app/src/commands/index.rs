@@ -44,7 +44,8 @@ pub fn run(arguments: &IndexArguments) -> anyhow::Result<u8> {
         settings.set_text(key, value).with_context(|| format!("--set {key}={value}"))?;
     }
     recording::settings(&mut request).clone_from(&settings);
-    let asked = world::asked_attributes(&settings, &request.visibility, &request.cloud_settings);
+    let (own, mirrors) = (&request.cloud_settings, &request.mirror_points);
+    let asked = world::asked_attributes(&settings, &request.visibility, own, mirrors);
     let cache = world::cache(&settings.stream)?.keeping(asked);
     terminal::warn(&request.warnings);
     terminal::warn(request.check_filters(&settings)?);

@@ -89,7 +89,8 @@ pub fn open(
     if request.lights.len() > MOST_LIGHTS {
         terminal::warn([format!("only the first {MOST_LIGHTS} lights shine")]);
     }
-    let asked = world::asked_attributes(settings, &request.visibility, &request.cloud_settings);
+    let (own, mirrors) = (&request.cloud_settings, &request.mirror_points);
+    let asked = world::asked_attributes(settings, &request.visibility, own, mirrors);
     let job = world::start_unseen(std::mem::take(&mut request.inputs), settings, asked.clone());
     let test = request.test().hiding_strays(settings.splat.strays == Strays::Hidden);
     job.mailbox.set_first_test(test.clone(), request.cloud_settings.clone());

@@ -9,7 +9,7 @@ use cloud::{
     attributes_named,
 };
 use glam::DVec3;
-use scene::{CloudSettings, Settings, SurfaceOrientation, SurfaceRadii, UpAxis, Visibility};
+use scene::{CloudSettings, MirrorPoints, Settings, SurfaceOrientation, SurfaceRadii, UpAxis, Visibility};
 use stream::Pages;
 
 use crate::apart::groups;
@@ -84,15 +84,19 @@ pub fn other_systems<'a>(files: impl IntoIterator<Item = &'a codec::Info>) -> Ve
     others.collect()
 }
 
-/// The names of the attributes that a scene's colours and filters ask for. `own` is what its clouds have of their own.
+/// The names of the attributes that a scene's colours and filters, and its mirrors of points, ask for. `own` is what its
+/// clouds have of their own.
 pub fn asked_attributes<'a>(
     settings: &Settings,
     visibility: &Visibility,
     own: impl IntoIterator<Item = &'a CloudSettings>,
+    mirrors: &[MirrorPoints],
 ) -> BTreeSet<String> {
     let colors = own.into_iter().map(|own| own.color_of(&settings.color)).chain([settings.color.clone()]);
     let of_colors = colors.filter_map(|color| color.asked_attribute().map(str::to_owned));
-    of_colors.chain(visibility.filters.iter().map(|filter| filter.attribute.clone())).collect()
+    let of_filters = visibility.filters.iter().map(|filter| filter.attribute.clone());
+    let of_mirrors = mirrors.iter().filter_map(|mirror| mirror.points.attribute().map(str::to_owned));
+    of_colors.chain(of_filters).chain(of_mirrors).collect()
 }
 
 /// Groups streamed files into clouds: if all of them are COPC, or scans of one file, one cloud each; else one cloud of all

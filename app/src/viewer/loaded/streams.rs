@@ -148,11 +148,12 @@ impl Loaded {
         }
     }
 
-    /// The names of the attributes that the colours and filters of the scene ask for.
+    /// The names of the attributes that the colours and filters of the scene ask for. Points of streamed clouds become no
+    /// mirrors here.
     pub fn asked_attributes(&self, scene: &Scene) -> BTreeSet<String> {
         let own = scene.objects.own_settings.iter().map(|own| &own.settings);
         let own = own.chain(&self.awaited_settings);
-        world::asked_attributes(&scene.settings, &scene.objects.visibility, own)
+        world::asked_attributes(&scene.settings, &scene.objects.visibility, own, &[])
     }
 
     /// Notes which attributes streamed clouds are to get, and says so where that takes a while.
