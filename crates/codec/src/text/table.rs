@@ -385,7 +385,9 @@ fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
     let styles = styles.map(|separator| Style { separator, has_decimal_comma: false });
     let of_style = |style: Style| {
         let names: Vec<String> = style.tokens(text).map(|token| meaning(&String::from_utf8_lossy(token))).collect();
-        let is_name = |name: &String| !name.is_empty() && name.parse::<f64>().is_err();
+        // Attributes may be called `nan` and `inf`.
+        let is_number = |name: &String| name.parse().is_ok_and(f64::is_finite);
+        let is_name = |name: &String| !name.is_empty() && !is_number(name);
         (names.len() == count && names.iter().all(is_name)).then_some(names)
     };
     styles.into_iter().find_map(of_style)
