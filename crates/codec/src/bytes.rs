@@ -209,8 +209,13 @@ impl Bytes {
     /// # Errors
     /// If somebody has.
     pub(crate) fn check_as_opened(&self) -> Result<()> {
+        self.check_same().map_err(|error| Error::io(&self.path, error))
+    }
+
+    /// As `check_as_opened`, without the name of the file.
+    pub(crate) fn check_same(&self) -> io::Result<()> {
         let Place::Disk(file, opened) = &self.place else { return Ok(()) };
-        file.state().and_then(|now| check_same(*opened, now)).map_err(|error| Error::io(&self.path, error))
+        check_same(*opened, file.state()?)
     }
 
     /// Whether it comes from an address.

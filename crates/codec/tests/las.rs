@@ -688,6 +688,22 @@ fn a_damaged_chunk_costs_its_own_points_only() {
 }
 
 #[test]
+fn a_file_that_somebody_writes_to_while_it_is_open_is_not_called_damaged() {
+    for format in [3, 7] {
+        let las = las_file((1, 4), format, &points(format, 4_000), &[]);
+        for bytes in [compress(&las, &Chunks::Fixed(1_000)), las] {
+            let file = file(&bytes);
+            let source = codec::open(file.path()).unwrap();
+            std::fs::write(file.path(), [bytes, vec![0; 100]].concat()).unwrap();
+            let read = source.read(&everything(&source), &Progress::default(), &|_| {});
+            let told = [read.unwrap_err(), source.record(2_000).unwrap_err()].map(|error| error.to_string());
+            let is_said = |told: &String| told.contains("it has been changed since it was opened; open it again");
+            assert!(told.iter().all(is_said), "point format {format}: {told:?}");
+        }
+    }
+}
+
+#[test]
 fn no_damaged_byte_brings_the_reader_down() {
     let mut with_extra = points(7, 300);
     with_extra.iter_mut().for_each(|point| point.extra_bytes = vec![1, 2, 3, 4]);

@@ -322,9 +322,11 @@ impl Compressed {
         let mut points = chunk.points;
         // `laz` allocates according to the layer sizes, so they must fit the chunk.
         if self.layers.is_some() {
-            let found = self
-                .layered_chunk(file, chunk.offset, end)
-                .ok_or("the chunk's layers are longer than the chunk, or the file is cut short")?;
+            let Some(found) = self.layered_chunk(file, chunk.offset, end) else {
+                // Of a file that somebody has written to since nothing can be read.
+                file.check_same().map_err(|error| error.to_string())?;
+                return Err("the chunk's layers are longer than the chunk, or the file is cut short".into());
+            };
             self.check_memory(layers, Some(found.filled))?;
             points = points.min(found.points);
         }
