@@ -1,7 +1,7 @@
 //! The study plan to which settings tried in the window are added.
 
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use scene::{Settings, whole_file};
@@ -33,17 +33,18 @@ pub fn add_to_study(plan: &Path, scene: &str, mut group: toml::Table) -> anyhow:
     let is_name = |name: &str| groups.iter().any(|group| group.get("name").and_then(toml::Value::as_str) == Some(name));
     let mut names = (1..).map(|number| format!("tried-{number}"));
     let name = names.find(|name| !is_name(name)).unwrap_or_default();
-    let scene_path = (1..).map(|number| plan.with_file_name(format!("study-view-{number}.toml"))).find_map(|path| {
-        match whole_file::read(&path) {
-            Ok(text) if text == scene => Some((path, true)),
-            Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => Some((path, false)),
-            // The file holds another view or cannot be read: it stays as it is.
-            _ => None,
-        }
+    let scene_names = (1..).map(|number| format!("study-view-{number}.toml"));
+    let mut scene_names = scene_names.filter_map(|name| match whole_file::read(&plan.with_file_name(&name)) {
+        Ok(text) if text == scene => Some((name, true)),
+        Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => Some((name, false)),
+        // The file holds another view or cannot be read: it stays as it is.
+        _ => None,
     });
-    let (scene_path, is_there): (PathBuf, bool) = scene_path.unwrap_or_default();
+    let (scene_name, is_there): (String, bool) = scene_names.next().unwrap_or_default();
+    let scene_path = plan.with_file_name(&scene_name);
     group.insert("name".into(), toml::Value::String(name));
-    group.insert("scenes".into(), toml::Value::Array(vec![toml::Value::String(scene_path.display().to_string())]));
+    // Scenes lie beside their plan, so that both may be moved together.
+    group.insert("scenes".into(), toml::Value::Array(vec![toml::Value::String(scene_name)]));
     let groups = toml::Table::from_iter([("group".to_string(), toml::Value::Array(vec![toml::Value::Table(group)]))]);
     let joined = format!("{}\n\n{}", text.trim_end(), toml::to_string(&groups)?);
     study::Plan::parse(&plan.display().to_string(), &joined)

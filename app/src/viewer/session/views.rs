@@ -30,7 +30,8 @@ impl Scene {
         // The path is absolute because a plan may be run from any folder.
         let folder = std::env::current_dir().unwrap_or_default();
         let group = group_of(&self.written_settings(loaded), self.view_size);
-        outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene: self.view_as_scene(loaded), group });
+        let scene = self.view_as_scene(loaded, &folder);
+        outside.work(Work::AddToStudy { plan: folder.join(STUDY), scene, group });
     }
 
     pub fn copy_view(&self, loaded: &Loaded, outside: &mut Outside) {
@@ -152,19 +153,18 @@ impl Scene {
         file.mirror_points.extend(loaded.awaited_markings.iter().cloned());
         file.cloud_settings.extend(loaded.settings_of_absent().cloned());
         if let Some(folder) = folder {
-            named_files(&mut file).for_each(|name| {
-                if let Some(beside) = Path::new(&*name).strip_prefix(folder).ok().and_then(Path::to_str) {
-                    *name = beside.to_owned();
-                }
-            });
+            name_from(&mut file, folder);
         }
         file.problem().map_or_else(|| Ok(file.to_text()), Err)
     }
 
-    /// Returns the scene as text. Of the parameters it has only those that built-in scenes are made with.
-    pub fn view_as_scene(&self, loaded: &Loaded) -> String {
+    /// Returns the scene as the text of a file for `folder`. Of the parameters it has only those that built-in scenes are
+    /// made with.
+    pub fn view_as_scene(&self, loaded: &Loaded, folder: &Path) -> String {
         let settings = Settings { scene: self.settings.scene.clone(), ..Settings::default() };
-        self.movable_scene_of(&loaded.inputs(), &settings).to_text()
+        let mut file = self.movable_scene_of(&loaded.inputs(), &settings);
+        name_from(&mut file, folder);
+        file.to_text()
     }
 
     /// Returns everything that is kept of the scene.
@@ -245,6 +245,15 @@ fn named_files(file: &mut SceneFile) -> impl Iterator<Item = &mut String> {
     clouds.chain(meshes)
 }
 
+/// Makes the names of files in a folder relative to it.
+fn name_from(file: &mut SceneFile, folder: &Path) {
+    for name in named_files(file) {
+        if let Some(beside) = Path::new(&*name).strip_prefix(folder).ok().and_then(Path::to_str) {
+            *name = beside.to_owned();
+        }
+    }
+}
+
 /// Returns the next free name of a picture of what is open.
 fn free_picture(loaded: &Loaded) -> PathBuf {
     let name = loaded.inputs().first().map_or("scene".into(), |input| picture_name(input));
@@ -304,7 +313,7 @@ mod tests {
             "{}",
             one.scene.command_line(&one.loaded)
         );
-        assert!(one.scene.view_as_scene(&one.loaded).contains("hidden_classes = [7, 18]"));
+        assert!(one.scene.view_as_scene(&one.loaded, Path::new("")).contains("hidden_classes = [7, 18]"));
         let mut other = Session::new(Preferences::default());
         other.act(Action::Paste(hiding.to_string()));
         assert_eq!(other.scene.objects.visibility, one.scene.objects.visibility);

@@ -266,13 +266,18 @@ mod tests {
     fn settings_added_to_a_plan_stand_behind_those_that_are_there() {
         let folder = tempfile::tempdir().unwrap();
         let plan = folder.path().join(STUDY);
+        // A file that lies below the plan is named from there.
+        let beside = folder.path().join("scans/a.ply");
+        std::fs::create_dir(folder.path().join("scans")).unwrap();
+        std::fs::write(&beside, "ply").unwrap();
         let mut session = Session::with_two_points();
+        session.loaded.clouds[0].input = beside.display().to_string();
         session.scene.view_size = [64, 48];
         for bounces in [1, 2] {
             session.scene.settings.reflection.bounces = bounces;
             add_to_study(
                 &plan,
-                &session.scene.view_as_scene(&session.loaded),
+                &session.scene.view_as_scene(&session.loaded, folder.path()),
                 group_of(&session.scene.written_settings(&session.loaded), session.scene.view_size),
             )
             .unwrap();
@@ -286,14 +291,16 @@ mod tests {
         assert_eq!(names, ["tried-1", "tried-2"]);
         // Equal views share one file.
         let scene = groups[0]["scenes"][0].as_str().unwrap();
-        assert_eq!(groups[0]["scenes"], groups[1]["scenes"]);
-        assert!(std::fs::read_to_string(scene).unwrap().contains("cloud.ply"));
+        assert_eq!((scene, &groups[0]["scenes"]), ("study-view-1.toml", &groups[1]["scenes"]));
+        let view = std::fs::read_to_string(folder.path().join(scene)).unwrap();
+        let clouds = scene::SceneFile::parse(&view).unwrap().clouds;
+        assert_eq!(clouds.iter().map(Path::new).collect::<Vec<_>>(), [Path::new("scans/a.ply")]);
         assert_eq!(groups[1]["set"]["reflection.bounces"].as_integer(), Some(2));
         assert_eq!(groups[1]["sweep"]["size"][0].as_str(), Some("64x48"));
         // A file that is not text belongs to someone else, and stays.
         let foreign = folder.path().join("study-view-2.toml");
         std::fs::write(&foreign, [0xff, 0xfe]).unwrap();
-        let other_view = session.scene.view_as_scene(&session.loaded) + "# another\n";
+        let other_view = session.scene.view_as_scene(&session.loaded, folder.path()) + "# another\n";
         add_to_study(
             &plan,
             &other_view,
