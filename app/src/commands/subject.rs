@@ -191,7 +191,8 @@ pub fn open(
         let own = world::own_settings(&request.cloud_settings, loaded);
         let shown = upload(&mut resident, loaded, &reflecting, own, settings, &test)?;
         if let Some(part) = shown.first().filter(|_| settings.overlay.legend) {
-            facts.add_legend(&part.plan, &loaded.units, classes(&loaded.cloud.shown(&test)));
+            let classes = classes(&loaded.cloud.shown(&test));
+            facts.add_legend(&loaded.cloud.name, &part.plan, &loaded.units, classes);
         }
         parts.extend(shown);
     }

@@ -15,6 +15,8 @@ use crate::shared::steps;
 const MOST_TICKS: usize = 6;
 /// The most classes that are listed; more would fill the picture.
 const MOST_CLASSES: usize = 24;
+/// The most letters of a cloud's name in a title.
+const MOST_OF_NAME: usize = 40;
 /// The length of a ramp, in heights of the text.
 const RAMP_LENGTH: f32 = 12.0;
 
@@ -46,6 +48,15 @@ impl Legend {
                 Some(Self { title, scale: Scale::Ramp { ramp, low, high } })
             }
             _ => None,
+        }
+    }
+
+    /// The title and the name of the first of some clouds.
+    pub fn title_with(&self, clouds: &[String]) -> String {
+        let name = clouds.first().map_or(String::new(), |name| param::shortened(name, MOST_OF_NAME));
+        match clouds.len() {
+            0 | 1 => format!("{}, {name}", self.title),
+            all => format!("{}, {name} {}", self.title, text!("and {count} more", count = all - 1)),
         }
     }
 
@@ -179,6 +190,12 @@ mod tests {
         for source in [ColorSource::Rgb, ColorSource::RgbOr(Some(0)), ColorSource::Plain, ColorSource::Normal] {
             assert_eq!(of(source), None);
         }
+        let named = |clouds: &[&str]| {
+            let clouds: Vec<String> = clouds.iter().map(|name| (*name).to_owned()).collect();
+            of(ColorSource::Column(0)).unwrap().title_with(&clouds)
+        };
+        assert_eq!(named(&["a.laz"]), "height, a.laz");
+        assert_eq!(named(&["a.laz", "b.laz", "c.laz"]), "height, a.laz and 2 more");
         let all: Vec<u8> = (0..=255).collect();
         let rows = class_rows(&all);
         assert_eq!((rows.len(), rows[MOST_CLASSES - 1].0.as_str()), (MOST_CLASSES, "and 233 more"));

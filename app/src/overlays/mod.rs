@@ -38,7 +38,8 @@ pub struct Facts {
     /// The units of the first cloud, in which all others are taken to be.
     pub units: Units,
     pub up: DVec3,
-    legends: Vec<Legend>,
+    /// Each with the names of the clouds whose colours it explains.
+    legends: Vec<(Legend, Vec<String>)>,
     pub marks: Vec<Mark>,
     pub captions: Vec<Caption>,
     pub wipe: Option<WipeMarks>,
@@ -55,10 +56,22 @@ impl Facts {
         Self { captions, wipe, ..Self::new(self.units, self.up) }
     }
 
-    /// Adds the legend of a cloud's colours, unless another cloud has the same. `classes` are those that are shown.
-    pub fn add_legend(&mut self, plan: &ColorPlan, units: &Units, classes: impl Iterator<Item = u8>) {
-        let legend = Legend::of(plan, units, classes);
-        self.legends.extend(legend.filter(|legend| !self.legends.contains(legend)));
+    /// Adds the legend of the colours of a cloud, unless another cloud has the same. `classes` are those that are shown.
+    pub fn add_legend(&mut self, cloud: &str, plan: &ColorPlan, units: &Units, classes: impl Iterator<Item = u8>) {
+        let Some(legend) = Legend::of(plan, units, classes) else { return };
+        match self.legends.iter_mut().find(|(known, _)| *known == legend) {
+            Some((_, clouds)) => clouds.push(cloud.to_owned()),
+            None => self.legends.push((legend, vec![cloud.to_owned()])),
+        }
+    }
+
+    /// The legends that are drawn. Those of one title say whose they are: equal colours have different values there.
+    fn shown_legends(&self) -> impl Iterator<Item = Legend> {
+        self.legends.iter().take(MOST_LEGENDS).map(|(legend, clouds)| {
+            let namesakes = self.legends.iter().filter(|(other, _)| other.title == legend.title);
+            let title = if namesakes.count() > 1 { legend.title_with(clouds) } else { legend.title.clone() };
+            Legend { title, ..legend.clone() }
+        })
     }
 }
 
@@ -110,7 +123,7 @@ pub fn paint(painter: &Painter, rect: Rect, camera: &Camera, pixels: [u32; 2], s
     // Levels of pages have a legend of their own in the window's panel.
     if overlay.legend && !settings.stream.overlay {
         let mut corner = area.right_bottom();
-        for legend in facts.legends.iter().take(MOST_LEGENDS) {
+        for legend in facts.shown_legends() {
             corner.y -= legend.paint(painter, corner, size);
         }
     }
@@ -141,6 +154,7 @@ fn bar(
 #[cfg(test)]
 mod tests {
     use codec::Unit;
+    use render::ColorSource;
     use scene::StandardView;
 
     use super::*;
@@ -156,6 +170,23 @@ mod tests {
         let mut rgba = vec![90; (SIZE[0] * SIZE[1] * 4) as usize];
         draw(&mut rgba, SIZE, &camera, &settings, &facts);
         rgba
+    }
+
+    #[test]
+    fn legends_of_one_title_name_their_clouds() {
+        let titles = |ranges: &[(&str, f64)]| {
+            let mut facts = Facts::new(Units::default(), DVec3::Z);
+            for (cloud, high) in ranges {
+                let (source, label, ramp) = (ColorSource::Height, "height".into(), scene::Ramp::Viridis);
+                let (low, high, full_range) = (0.0, *high, (0.0, *high));
+                let plan = ColorPlan { source, label, ramp, plain: [1; 4], low, high, full_range };
+                facts.add_legend(cloud, &plan, &Units::default(), std::iter::empty());
+            }
+            facts.shown_legends().map(|legend| legend.title).collect::<Vec<_>>()
+        };
+        assert_eq!(titles(&[("a.laz", 5.0), ("b.laz", 5.0)]), ["height"]);
+        let several = titles(&[("a.laz", 5.0), ("b.laz", 7.0), ("c.laz", 5.0)]);
+        assert_eq!(several, ["height, a.laz and 1 more", "height, b.laz"]);
     }
 
     #[test]
