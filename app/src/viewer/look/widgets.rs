@@ -76,7 +76,13 @@ pub fn typed_number(text: &str) -> Option<f64> {
 /// A field for a number that is dragged or typed. What is typed counts once it is complete; what is no number changes
 /// nothing.
 pub fn number_field<N: Numeric>(value: &mut N) -> egui::DragValue<'_> {
-    number_field_in_words(value, egui::emath::format_with_decimals_in_range, typed_number)
+    number_field_in_words(value, plain::<N>, typed_number)
+}
+
+/// A number in figures, without decimals where it is a whole one by its type.
+fn plain<N: Numeric>(number: f64, decimals: RangeInclusive<usize>) -> String {
+    let decimals = if N::INTEGRAL { 0..=0 } else { decimals };
+    egui::emath::format_with_decimals_in_range(number, decimals)
 }
 
 /// A field for a number that is written and read in a way of its own.
@@ -85,18 +91,18 @@ pub fn number_field_in_words<'a, N: Numeric>(
     written: impl Fn(f64, RangeInclusive<usize>) -> String + 'a,
     read: impl Fn(&str) -> Option<f64> + 'a,
 ) -> egui::DragValue<'a> {
-    egui::DragValue::new(value).format(kept_unless_typed(written, read))
+    egui::DragValue::new(value).format(kept_unless_typed::<N>(written, read))
 }
 
 /// A slider with such a field. A number that nobody edits keeps all its digits, and its place beyond the ends.
 pub fn number_slider<N: Numeric>(value: &mut N, range: RangeInclusive<N>) -> egui::Slider<'_> {
-    let format = kept_unless_typed(egui::emath::format_with_decimals_in_range, typed_number);
+    let format = kept_unless_typed::<N>(plain::<N>, typed_number);
     egui::Slider::new(value, range).format(format).clamping(egui::SliderClamping::Edits)
 }
 
 /// Leaves a number as it is while its field has the text that it showed: egui reads the text of a field that was visited as
-/// if it had been typed, and the field may not show all digits.
-fn kept_unless_typed<'a>(
+/// if it had been typed, and the field may not show all digits. Whole numbers are rounded to such.
+fn kept_unless_typed<'a, N: Numeric>(
     written: impl Fn(f64, RangeInclusive<usize>) -> String + 'a,
     read: impl Fn(&str) -> Option<f64> + 'a,
 ) -> ValueFormat<'a> {
@@ -107,8 +113,10 @@ fn kept_unless_typed<'a>(
         shown.replace(text.clone());
         text
     };
-    let read = move |text: &str| if *last.borrow() == text { None } else { read(text) };
-    ValueFormat::default().custom_formatter(written).custom_parser(read).update_while_editing(false)
+    let whole = |number: f64| if N::INTEGRAL { number.round() } else { number };
+    let read = move |text: &str| if *last.borrow() == text { None } else { read(text).map(whole) };
+    let format = ValueFormat::default().custom_formatter(written).custom_parser(read).update_while_editing(false);
+    format.max_decimals_opt(N::INTEGRAL.then_some(0))
 }
 
 /// Draws a line with a slider.
@@ -280,6 +288,34 @@ mod tests {
         harness.key_press(egui::Key::Enter);
         harness.run();
         assert_eq!(*harness.state(), (exact.0, exact.1, 2.000_001));
+    }
+
+    #[test]
+    fn whole_numbers_have_no_decimals() {
+        use egui_kittest::kittest::Queryable as _;
+        let mut harness = egui_kittest::Harness::builder().with_size([600.0, 160.0]).build_ui_state(
+            |ui, (fields, sliders, neighbours): &mut (usize, u32, u32)| {
+                let label = ui.label("Values");
+                ui.add(number_field(fields)).labelled_by(label.id);
+                let label = ui.label("Bounces");
+                ui.add(number_slider(sliders, 0..=8)).labelled_by(label.id);
+                slider(ui, "Neighbours", number_slider(neighbours, 3..=64));
+            },
+            (6, 1, 12),
+        );
+        harness.run();
+        let fields = harness.get_all_by_role(egui::Role::SpinButton).filter_map(|field| field.value());
+        assert_eq!(fields.collect::<Vec<_>>(), ["6", "1", "12"]);
+        // What is typed is rounded to a whole number.
+        harness.get_all_by_role(egui::Role::SpinButton).next().unwrap().focus();
+        harness.run();
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+        harness.run();
+        harness.get_by(|node| node.is_focused()).type_text("2.7");
+        harness.run();
+        harness.key_press(egui::Key::Enter);
+        harness.run();
+        assert_eq!(*harness.state(), (3, 1, 12));
     }
 
     #[test]
