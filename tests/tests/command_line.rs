@@ -879,3 +879,19 @@ fn surfaces_judges_a_depth_image_by_the_half_of_it_that_is_held_out() {
     let report = few.json();
     assert!(report["inputs"][0]["error"].is_string() && report["inputs"][1]["within"].is_f64(), "{few}");
 }
+
+/// What comes from standard input is kept in a temporary file.
+#[test]
+#[cfg(unix)]
+fn a_temporary_folder_that_cannot_take_what_comes_is_named_with_its_variable() {
+    let folder = Folder::new();
+    let points = std::fs::File::open(folder.write("points.xyz", "1 2 3\n4 5 6\n")).expect("what was written");
+    let mut command = folder.command(["info", "-"]);
+    let missing = folder.path("missing");
+    let output = command.stdin(points).env("TMPDIR", &missing).output().expect("the program starts");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    for word in ["-: ", &missing.display().to_string(), "there is no such folder", "TMPDIR"] {
+        assert!(told.contains(word), "{told}");
+    }
+}

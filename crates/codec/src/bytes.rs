@@ -2,13 +2,16 @@
 //! file, standard input or an address of the web; nothing else opens one.
 
 use std::fs::File;
-use std::io::{self, IsTerminal as _, Read, Seek, SeekFrom};
+use std::io::{self, ErrorKind, IsTerminal as _, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use param::shown;
+
 use crate::address::is_address;
 use crate::disk::{Disk, State};
+use crate::error::why_unwritten;
 use crate::remote::{Remote, Stamp};
 use crate::{Error, Result};
 
@@ -287,9 +290,21 @@ fn standard_input() -> io::Result<File> {
     if input.is_terminal() {
         return Err(io::Error::other("standard input is a terminal; pipe a file of points into it"));
     }
-    let mut file = tempfile::tempfile()?;
-    io::copy(&mut input, &mut file)?;
+    let mut file = tempfile::tempfile().map_err(no_room)?;
+    io::copy(&mut input, &mut file).map_err(|error| match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => no_room(error),
+        _ => error,
+    })?;
     copy.insert(file).try_clone()
+}
+
+/// Why what comes from standard input cannot be kept, and what can be done.
+fn no_room(reason: io::Error) -> io::Error {
+    let variable = if cfg!(windows) { "TMP" } else { "TMPDIR" };
+    let (folder, why) = (std::env::temp_dir(), why_unwritten(&reason));
+    let problem =
+        format!("cannot be kept in the temporary folder {}: {why}; {variable} can name another", shown(&folder));
+    io::Error::new(reason.kind(), problem)
 }
 
 /// A part of a file as `Read` and `Seek` (positions count from the start of the part), for decoders that need a stream.
