@@ -152,7 +152,7 @@ fn points_behind_the_count_of_a_pts_file_are_left_out_and_counted() {
 
 #[test]
 fn columns_are_told_by_names_separators_and_values() {
-    let cases: [(&str, &str, [f64; 3]); 14] = [
+    let cases: [(&str, &str, [f64; 3]); 18] = [
         ("1 2 3\n4 5 6\n", "x y z", [1.0, 2.0, 3.0]),
         ("1.5;2;3\n4;5;6\n", "x y z", [1.5, 2.0, 3.0]),
         ("1,5;2,5;3\n4;5;6\n", "x y z", [1.5, 2.5, 3.0]),
@@ -167,6 +167,10 @@ fn columns_are_told_by_names_separators_and_values() {
         ("Easting [m];Northing [m];Height [m];Class\n1,5;2;3;7\n", "x y z Class", [1.5, 2.0, 3.0]),
         ("\u{feff}x,y,z\r\n1,2,3\r\n", "x y z", [1.0, 2.0, 3.0]),
         ("x,y,z,nan,inf,Infinity\n1,2,3,nan,5,6\n", "x y z nan inf Infinity", [1.0, 2.0, 3.0]),
+        ("# x y z\n# nodata = nan\n1 2 3\n", "x y z", [1.0, 2.0, 3.0]),
+        ("# z y x\n# nodata = nan\n1 2 3\n", "z y x", [3.0, 2.0, 1.0]),
+        ("# missing values are NaN\n1 2 3 0.5\n4 5 6 0.25\n", "x y z intensity", [1.0, 2.0, 3.0]),
+        ("x,y,z,i\nNaN,NaN,NaN,NA\n1,2,3,4\n", "x y z intensity", [1.0, 2.0, 3.0]),
     ];
     for (text, expected, first) in cases {
         let source = open(text).unwrap_or_else(|error| panic!("{text}: {error}")).remove(0);

@@ -385,10 +385,11 @@ fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
     let styles = styles.map(|separator| Style { separator, has_decimal_comma: false });
     let of_style = |style: Style| {
         let names: Vec<String> = style.tokens(text).map(|token| meaning(&String::from_utf8_lossy(token))).collect();
-        // Attributes may be called `nan` and `inf`.
+        // Attributes may be called `nan` and `inf`, but a comment or a line without values may have such words, too.
+        let has_no_value = names.iter().any(|name| name.parse().is_ok_and(|value: f64| !value.is_finite()));
         let is_number = |name: &String| name.parse().is_ok_and(f64::is_finite);
-        let is_name = |name: &String| !name.is_empty() && !is_number(name);
-        (names.len() == count && names.iter().all(is_name)).then_some(names)
+        let are_names = names.len() == count && !names.iter().any(|name| name.is_empty() || is_number(name));
+        (are_names && (!has_no_value || check_names(&names).is_ok())).then_some(names)
     };
     styles.into_iter().find_map(of_style)
 }
