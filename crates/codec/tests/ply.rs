@@ -478,6 +478,13 @@ fn a_repeated_name_does_not_shift_what_follows() {
     let read = read_bytes(&ascii(&format!("element vertex 1\n{XYZ}\nproperty float x"), "1 2 3 4\n"));
     assert_eq!((read.positions[0], &read.attributes["x"]), (DVec3::new(1.0, 2.0, 3.0), &vec![1.0]));
     assert_eq!(read.attributes["x_2"], [4.0]);
+    // So does one that is called as a further one would be, and a scalar beside a list.
+    let header = format!("element vertex 1\n{XYZ}\nproperty uchar a\nproperty uchar a\nproperty uchar a_2");
+    let read = read_bytes(&ascii(&header, "1 2 3 4 5 6\n"));
+    assert_eq!(["a", "a_2", "a_3"].map(|name| read.attributes[name][0]), [4.0, 6.0, 5.0]);
+    assert_eq!(read.info.warnings, ["a further property a is called a_3 here"]);
+    let header = format!("element vertex 1\nproperty list uchar float x\n{XYZ}");
+    assert_eq!(read_bytes(&ascii(&header, "1 9 1 2 3\n")).positions, [DVec3::new(1.0, 2.0, 3.0)]);
 }
 
 #[test]

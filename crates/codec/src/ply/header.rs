@@ -1,5 +1,7 @@
 //! Parses the header of a PLY file: its elements and their properties (G. Turk, "The PLY Polygon File Format", 1994).
 
+use std::collections::HashSet;
+
 use cloud::ColumnType;
 
 use crate::brief::brief;
@@ -82,17 +84,25 @@ impl Element {
             .sum()
     }
 
-    /// Gives each property that has the name of an earlier one a name of its own. Returns what is to be said of that.
+    /// Gives each scalar that has the name of an earlier one a name that no other has. Returns what is to be said of that.
     pub fn tell_apart(&mut self) -> Vec<String> {
-        let (mut names, mut told) = (Names::with_case(), Vec::new());
-        for property in &mut self.properties {
-            let free = names.take(&property.name, usize::MAX);
-            if free != property.name {
-                told.push(format!("a further property {} is called {} here", brief(&property.name), brief(&free)));
-                property.name = free;
+        let (mut names, mut known) = (Names::with_case(), HashSet::new());
+        let scalars = self.properties.iter_mut().filter(|property| matches!(property.kind, Kind::Scalar(_)));
+        let mut further: Vec<&mut Property> = scalars.collect();
+        further.retain(|property| {
+            let is_first = known.insert(property.name.clone());
+            if is_first {
+                names.take(&property.name, usize::MAX);
             }
-        }
-        told
+            !is_first
+        });
+        let renamed = further.into_iter().map(|property| {
+            let free = names.take(&property.name, usize::MAX);
+            let told = format!("a further property {} is called {} here", brief(&property.name), brief(&free));
+            property.name = free;
+            told
+        });
+        renamed.collect()
     }
 
     fn has_scalar(&self, name: &str) -> bool {
