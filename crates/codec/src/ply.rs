@@ -88,7 +88,12 @@ impl RowSource {
         let header_error = |problem: String| Error::malformed(path, "header", problem);
         let vertex = header.points_element().ok_or_else(|| header_error("no element vertex".into()))?;
         let mut warnings = param::few(header.elements[vertex].tell_apart(), "properties of a name that is there twice");
-        warnings.extend(header.further_vertices(vertex));
+        let further = header.further_vertices(vertex);
+        if further > 0 {
+            let several = "the header has several elements vertex";
+            let (points, are) = if further == 1 { ("point", "is") } else { ("points", "are") };
+            warnings.push(format!("{several}: {further} {points} of others than the first {are} not read"));
+        }
         let splats = PackedSplats::open(&file, &header, vertex).map_err(io_error)?.map_err(header_error)?;
         let element = splats.as_ref().map_or(&header.elements[vertex], RowMaker::element);
         let scalars = scalars(element);
@@ -124,7 +129,7 @@ impl RowSource {
         let polygons = header.elements.iter().filter(|element| faces::is_polygons(element));
         let info = Info {
             points: rows.count,
-            missing: element.count.saturating_sub(rows.count),
+            missing: element.count.saturating_sub(rows.count).saturating_add(further),
             properties: scalars.iter().map(attribute).collect(),
             attributes: roles.attributes.iter().map(|&index| attribute(&scalars[index])).collect(),
             has_colors: roles.colors.is_some(),

@@ -121,15 +121,12 @@ impl Header {
         })
     }
 
-    /// What is to be said of elements `vertex` besides the one that is read.
-    pub fn further_vertices(&self, read: usize) -> Option<String> {
+    /// The number of points of elements `vertex` besides the one that is read.
+    pub fn further_vertices(&self, read: usize) -> u64 {
         let is_further =
             |(index, element): &(usize, &Element)| *index != read && element.name.eq_ignore_ascii_case("vertex");
         let rows = self.elements.iter().enumerate().filter(is_further).map(|(_, element)| element.count);
-        let points = rows.fold(0, u64::saturating_add);
-        (points > 0).then(|| {
-            format!("the header has several elements vertex: {points} points of others than the first are not read")
-        })
+        rows.fold(0, u64::saturating_add)
     }
 
     /// Parses the start of a file. A name is the remainder of its line, whatever bytes that has, since writers put
