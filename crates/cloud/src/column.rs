@@ -62,34 +62,44 @@ impl ColumnType {
     }
 }
 
-/// The values from `low` to `high` in a column of one type. A value that differs from an end by rounding alone is inside:
-/// 0.3 as f32 is a little more than 0.3, and 57 steps of 0.01 are a little more than 0.57.
+/// The values from `low` to `high` in columns of any type. A value that differs from an end by rounding alone is inside:
+/// 0.3 as f32 is a little more than 0.3, and 57 steps of 0.01 are a little more than 0.57. Steps from an offset that is
+/// larger than the value may be rounded by more. Whole numbers are told apart, up to 2^53 in a column of f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValueRange {
-    low: f64,
-    high: f64,
-    /// The ends as f32 has them.
+    /// Both ends for whole numbers, for f32 and for f64.
+    whole: [f64; 2],
     singles: [f64; 2],
+    doubles: [f64; 2],
+    /// The numbers of f32 that are written as the ends are.
+    written_alike: [Option<f64>; 2],
 }
 
 impl ValueRange {
-    pub fn new(column_type: ColumnType, low: f64, high: f64) -> Self {
+    pub fn new(low: f64, high: f64) -> Self {
         let single = |end: f64| f64::from(end as f32);
         // A step and its multiple are rounded by half of an epsilon each.
-        let slack = |end: f64| if end.is_finite() { 2.0 * f64::EPSILON * end.abs() } else { 0.0 };
-        // A column of f64 may hold numbers of f32: those of another file, or of other points.
-        let written_alike = |end: f64| if (end as f32).to_string() == end.to_string() { single(end) } else { end };
-        match column_type {
-            ColumnType::F32 => Self { low: single(low), high: single(high), singles: [single(low), single(high)] },
-            ColumnType::F64 => {
-                Self { low: low - slack(low), high: high + slack(high), singles: [low, high].map(written_alike) }
-            }
-            _ => Self { low, high, singles: [low, high] },
+        let slack = |end: f64| if end.is_finite() { (2.0 * f64::EPSILON * end.abs()).min(0.25) } else { 0.0 };
+        let is_alike = |end: &f64| end.fract() != 0.0 && (*end as f32).to_string() == end.to_string();
+        Self {
+            whole: [low, high],
+            singles: [low, high].map(single),
+            doubles: [low - slack(low), high + slack(high)],
+            written_alike: [low, high].map(|end| Some(end).filter(is_alike).map(single)),
         }
     }
 
-    pub fn contains(&self, value: f64) -> bool {
-        (self.low..=self.high).contains(&value) || self.singles.contains(&value)
+    /// Whether the value of point `index` of a column is one of these.
+    pub fn has(&self, column: &Column, index: usize) -> bool {
+        let is_between = |[low, high]: [f64; 2], value: f64| (low..=high).contains(&value);
+        match column {
+            Column::F32(values) => is_between(self.singles, values[index].into()),
+            // A column of f64 may hold numbers of f32: those of another file, or of other points.
+            Column::F64(values) => {
+                is_between(self.doubles, values[index]) || self.written_alike.contains(&Some(values[index]))
+            }
+            column => is_between(self.whole, column.value(index)),
+        }
     }
 }
 
@@ -259,21 +269,42 @@ mod tests {
 
     #[test]
     fn rounding_alone_puts_no_value_outside_of_a_range() {
-        let is_within = |column_type, low, high, value| ValueRange::new(column_type, low, high).contains(value);
-        use ColumnType::{F64, U32};
+        let is_within = |low, high, value| ValueRange::new(low, high).has(&Column::F64(vec![value]), 0);
         // Numbers of a file that has steps of a scale.
         assert!((1..1000_u32).all(|steps| {
             let end: f64 = format!("0.{steps:03}").parse().unwrap();
-            is_within(F64, end, end, f64::from(steps) * 0.001) && is_within(F64, -end, -end, f64::from(steps) * -0.001)
+            is_within(end, end, f64::from(steps) * 0.001) && is_within(-end, -end, f64::from(steps) * -0.001)
         }));
         // Numbers of f32 among those of f64, on both sides of the end.
         for (end, f32_value) in [(0.3, 0.3_f32), (19.95, 19.95), (-20.034, -20.034)] {
-            assert!(is_within(F64, end, end, f32_value.into()) && is_within(F64, end, end, end), "{end}");
+            assert!(is_within(end, end, f32_value.into()) && is_within(end, end, end), "{end}");
         }
         // Others are as far apart as they are written.
-        assert!(!is_within(F64, 0.0, 0.3, 0.300_000_005) && !is_within(F64, 0.570_000_000_000_01, 1.0, 0.57));
-        assert!(!is_within(F64, 300_000_000.123, f64::INFINITY, 300_000_000.0));
-        assert!(!is_within(U32, 16_777_217.0, f64::INFINITY, 16_777_216.0));
-        assert!(is_within(F64, f64::NEG_INFINITY, f64::INFINITY, 1e300) && !is_within(F64, 0.0, 1.0, f64::NAN));
+        assert!(!is_within(0.0, 0.3, 0.300_000_005) && !is_within(0.570_000_000_000_01, 1.0, 0.57));
+        assert!(!is_within(300_000_000.123, f64::INFINITY, 300_000_000.0));
+        assert!(!ValueRange::new(16_777_217.0, f64::INFINITY).has(&Column::U32(vec![16_777_216]), 0));
+        assert!(is_within(f64::NEG_INFINITY, f64::INFINITY, 1e300) && !is_within(0.0, 1.0, f64::NAN));
+        for end in [2.0_f64.powi(30), 2.0_f64.powi(50), 2.0_f64.powi(52), 2.0_f64.powi(53) - 1.0] {
+            let others = [end - 1.0, end + 1.0];
+            assert!(is_within(end, end, end) && !others.iter().any(|other| is_within(end, end, *other)), "{end}");
+        }
+        // f32 writes 2^30 so.
+        assert!(!is_within(1_073_741_800.0, 1_073_741_800.0, 2.0_f64.powi(30)));
+    }
+
+    #[test]
+    fn each_chunk_is_tested_by_the_type_of_its_own_column() {
+        let columns = [Column::F32(vec![0.3]), Column::F64(vec![0.3])];
+        let chunks = columns.map(|column| {
+            let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]]);
+            chunk.columns = vec![Some(Arc::new(column))];
+            chunk
+        });
+        for column_type in [ColumnType::F32, ColumnType::F64, ColumnType::U8] {
+            let attributes = vec![Attribute { name: "heat".into(), column_type }];
+            let cloud = Cloud { attributes, chunks: chunks.to_vec(), ..Cloud::default() };
+            let filter = Filter { attribute: "heat".into(), low: 0.3, high: 0.3 };
+            assert_eq!(cloud.shown(&PointTest::new([], vec![filter], Vec::new())).len(), 2, "{column_type:?}");
+        }
     }
 }

@@ -212,7 +212,7 @@ impl PointTest {
     pub fn of(&self, layout: &CloudLayout) -> ChunkTest {
         let filters = self.rule.filters.iter().filter_map(|filter| {
             let column = attribute_named(&layout.attributes, &filter.attribute)?;
-            Some((column, ValueRange::new(layout.attributes[column].column_type, filter.low, filter.high)))
+            Some((column, ValueRange::new(filter.low, filter.high)))
         });
         let (filters, classes) = (filters.collect(), layout.class_column().filter(|_| self.hides_classes()));
         let (hidden_kinds, grid) = (self.hidden_kinds(&layout.attributes), layout.grid);
@@ -269,7 +269,7 @@ impl ChunkTest {
             && self
                 .filters
                 .iter()
-                .all(|(filtered, range)| column(*filtered).is_none_or(|column| range.contains(column.value(index))))
+                .all(|(filtered, range)| column(*filtered).is_none_or(|column| range.has(column, index)))
     }
 
     /// Which points of a chunk are shown; `bounds` are those of its points.

@@ -77,8 +77,8 @@ impl PointChoice {
             let index = self.attribute().and_then(|name| cloud.column_of(name));
             match index.and_then(|index| chunk.columns.get(index)?.as_deref()) {
                 Some(column) => {
-                    let range = ValueRange::new(column.column_type(), low, high);
-                    (0..column.len()).map(|index| range.contains(column.value(index))).collect()
+                    let range = ValueRange::new(low, high);
+                    (0..column.len()).map(|index| range.has(column, index)).collect()
                 }
                 None => vec![false; chunk.len()],
             }
