@@ -437,6 +437,21 @@ fn outputs_that_cannot_be_written_are_a_failure_of_the_work_in_every_command() {
     }
 }
 
+/// What is left in the pipe then is not taken for the file.
+#[test]
+fn standard_input_without_room_for_it_fails_as_often_as_it_is_named() {
+    if !can_mount() {
+        return;
+    }
+    let folder = Folder::new();
+    folder.write("points.xyz", "1 2 3\n".repeat(15_000));
+    let setting = "mkdir place && mount -t tmpfs -o size=64k none place && export TMPDIR=place && exec < points.xyz";
+    let outcome = within(&folder, &["-rm"], &format!("{setting} || exit 99"), &["info", "-", "-"]);
+    assert!(outcome.status == Some(2) && outcome.text().is_empty(), "{outcome}");
+    let told = "glint: -: cannot be kept in the temporary folder place: the disk is full; TMPDIR can name another\n";
+    assert_eq!(outcome.messages, told.repeat(2), "{outcome}");
+}
+
 #[test]
 fn a_cache_that_cannot_be_written_is_a_failure_of_the_work_in_every_command() {
     if !can_mount() {

@@ -5,13 +5,13 @@ use std::fs::File;
 use std::io::{self, ErrorKind, IsTerminal as _, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::OnceLock;
 
 use param::shown;
 
 use crate::address::is_address;
 use crate::disk::{Disk, State};
-use crate::error::why_unwritten;
+use crate::error::{is_for_want_of_room, why_unwritten};
 use crate::remote::{Remote, Stamp};
 use crate::{Error, Result};
 
@@ -281,21 +281,24 @@ fn check_same(opened: State, now: State) -> io::Result<()> {
 
 /// All that comes from standard input, as a file.
 fn standard_input() -> io::Result<File> {
-    static COPY: Mutex<Option<File>> = Mutex::new(None);
-    let mut copy = COPY.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(file) = &*copy {
-        return file.try_clone();
+    // A failure is kept, too: what is left in the pipe is no file.
+    static COPY: OnceLock<std::result::Result<File, (ErrorKind, String)>> = OnceLock::new();
+    let copy = || copy_of_standard_input().map_err(|error| (error.kind(), error.to_string()));
+    match COPY.get_or_init(copy) {
+        Ok(file) => file.try_clone(),
+        Err((kind, problem)) => Err(io::Error::new(*kind, problem.as_str())),
     }
+}
+
+fn copy_of_standard_input() -> io::Result<File> {
     let mut input = io::stdin().lock();
     if input.is_terminal() {
         return Err(io::Error::other("standard input is a terminal; pipe a file of points into it"));
     }
     let mut file = tempfile::tempfile().map_err(no_room)?;
-    io::copy(&mut input, &mut file).map_err(|error| match error.kind() {
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => no_room(error),
-        _ => error,
-    })?;
-    copy.insert(file).try_clone()
+    io::copy(&mut input, &mut file)
+        .map_err(|error| if is_for_want_of_room(&error) { no_room(error) } else { error })?;
+    Ok(file)
 }
 
 /// Why what comes from standard input cannot be kept, and what can be done.

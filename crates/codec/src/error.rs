@@ -86,6 +86,11 @@ pub fn why_unwritten(reason: &std::io::Error) -> String {
     }
 }
 
+/// Whether a disk is full, or does not hold a file of this length.
+pub(crate) fn is_for_want_of_room(reason: &std::io::Error) -> bool {
+    matches!(reason.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge)
+}
+
 fn what_then(reason: &std::io::Error) -> &'static str {
     match reason.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room there, or name another place",
