@@ -22,7 +22,7 @@ use glam::DVec3;
 use param::shown;
 use tempfile::NamedTempFile;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, is_for_want_of_room};
 use crate::in_order::InOrder;
 use crate::las::column_records::RecordFormat;
 use crate::las::copc_writer::write_copc;
@@ -147,9 +147,9 @@ pub fn export<'a>(
     if matches!(written, Ok(None)) {
         return Ok(None);
     }
-    // A file that was written to meanwhile is at fault, whatever has failed then.
-    for source in sources {
-        source.bytes().check_as_opened()?;
+    // A file that was written to meanwhile is at fault, whatever has failed then, but for a full disk.
+    if !matches!(&written, Err(Error::NotWritten { reason, .. }) if is_for_want_of_room(reason)) {
+        sources.iter().try_for_each(|source| source.bytes().check_as_opened())?;
     }
     let Some(Written { file, points, mut changes, mut warnings }) = written? else { return Ok(None) };
     if points == 0 {
