@@ -96,7 +96,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
         ]);
     }
     let mut renderer = Renderer::new(gpu.clone())?;
-    let (mut inputs, mut status, mut missing) = (Vec::new(), 0, 0);
+    let (mut inputs, mut status, mut missing) = (Vec::new(), 0, 0_u64);
     let mut failed = Few::of("that cannot be judged");
     for input in &request.inputs {
         if let Input::BuiltIn { variant: Variant::Tripod(scan), .. } = input {
@@ -109,7 +109,7 @@ pub fn run(arguments: &SurfacesArguments) -> anyhow::Result<u8> {
         }
         for (path, scan) in scans::of_input(input, &request.test(), &settings) {
             let judged = scan.and_then(|(scan, lacking)| {
-                missing += lacking;
+                missing = missing.saturating_add(lacking);
                 judge(&path, &scan, arguments, &settings, &gpu, &mut renderer)
             });
             interrupt::check()?;

@@ -111,7 +111,7 @@ impl Points for Files<'_> {
     type Error = codec::Error;
 
     fn read(&self, give: &(dyn Fn(&Block) + Sync)) -> codec::Result<()> {
-        let mut missing = 0;
+        let mut missing = 0_u64;
         for (file, source) in self.sources.iter().enumerate() {
             let info = source.info();
             let cloud = Cloud { grid: info.grid, ..Cloud::default() };
@@ -133,7 +133,7 @@ impl Points for Files<'_> {
             let attributes = (0..info.attributes.len()).map(|index| Some(index) == intensity).collect();
             let selection = Selection { positions: true, attributes, ..Selection::default() };
             let summary = source.read(&selection, &reading, &emit)?;
-            missing += summary.missing;
+            missing = missing.saturating_add(summary.missing);
             let warnings = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(&info.path)));
             self.warnings.lock().unwrap_or_else(PoisonError::into_inner).extend(warnings);
         }
