@@ -27,6 +27,6 @@ mod real_data;
 pub mod server;
 mod session;
 
-pub use program::{Folder, Outcome, shader_cache};
+pub use program::{Folder, Outcome, lacks_adapter, shader_cache};
 pub use real_data::test_data;
 pub use session::{Session, Window, colors};

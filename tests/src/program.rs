@@ -66,6 +66,15 @@ impl std::fmt::Display for Outcome {
     }
 }
 
+/// Whether a run must be passed over for want of an adapter.
+pub fn lacks_adapter(outcome: &Outcome) -> bool {
+    let lacks = outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none();
+    if lacks {
+        println!("skipped: no adapter: {}", outcome.messages.trim());
+    }
+    lacks
+}
+
 /// A folder for one test: the program's working folder and home. It is removed with the value.
 pub struct Folder {
     folder: TempDir,

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output};
 use std::time::{Duration, Instant};
 
-use tests::{Folder, Outcome};
+use tests::{Folder, Outcome, lacks_adapter};
 
 const SCENE: &str = "five-mirrors/none";
 /// Drawn in a moment.
@@ -51,15 +51,6 @@ fn assert_failed(outcome: &Outcome, status: i32, mentioned: &[&str]) {
     for word in mentioned {
         assert_eq!(outcome.messages.matches(word).count(), 1, "`{word}`: {outcome}");
     }
-}
-
-/// Whether this run must not be passed over for want of an adapter.
-fn lacks_adapter(outcome: &Outcome) -> bool {
-    let lacks = outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none();
-    if lacks {
-        println!("skipped: no adapter: {}", outcome.messages.trim());
-    }
-    lacks
 }
 
 /// `setting` prepares mounts and the like for one run in the folder, in a namespace of its own.

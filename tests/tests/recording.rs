@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use tests::{Folder, Outcome};
+use tests::{Folder, Outcome, lacks_adapter};
 
 /// Longer than any step of a run on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
@@ -52,15 +52,6 @@ fn folder(points: u32) -> Folder {
 fn record(folder: &Folder, output: &str, words: &[&str]) -> Outcome {
     let common = ["record", "tour.toml", "-o", output, "--size", "96x64", "--fps", "10"];
     folder.glint_within(PATIENCE, common.iter().chain(words))
-}
-
-/// Whether this run must be passed over for want of an adapter.
-fn lacks_adapter(outcome: &Outcome) -> bool {
-    let lacks = outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none();
-    if lacks {
-        println!("skipped: no adapter: {}", outcome.messages.trim());
-    }
-    lacks
 }
 
 /// Names of all that lies in a folder beside what says what the pictures are of, in their order.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use tests::{Folder, Outcome, Session};
+use tests::{Folder, Session, lacks_adapter};
 
 /// A point of a LAS file.
 struct Point {
@@ -128,15 +128,6 @@ fn rendered(folder: &Folder, scene: &str, method: &str) -> Option<BTreeMap<&'sta
 fn differing_pixels(one: &[u8], other: &[u8]) -> usize {
     let [one, other] = [one, other].map(|png| image::load_from_memory(png).expect("a picture").into_rgba8());
     one.pixels().zip(other.pixels()).filter(|(a, b)| a != b).count()
-}
-
-/// Whether this run must not be passed over for want of an adapter.
-fn lacks_adapter(outcome: &Outcome) -> bool {
-    let lacks = outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none();
-    if lacks {
-        println!("skipped: no adapter: {}", outcome.messages.trim());
-    }
-    lacks
 }
 
 #[test]
