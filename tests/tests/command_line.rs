@@ -168,18 +168,19 @@ end_header
 ";
 
 #[test]
-fn info_lists_columns_of_the_same_name_each_with_its_values() {
+fn info_lists_columns_of_the_same_name_each_with_its_values_and_a_name() {
     let folder = Folder::new();
     let columns = "property float x\nproperty float y\nproperty float z\nproperty uchar q\nproperty short q\n";
     let rows = "0 0 0 1 -5\n1 2 3 2 -6\n";
     folder.write("two.ply", format!("ply\nformat ascii 1.0\nelement vertex 2\n{columns}end_header\n{rows}"));
     let outcome = folder.glint(["info", "--json", "two.ply"]);
     let info = &outcome.json()["inputs"][0];
-    let all = info["attributes"].as_array().into_iter().flatten().filter(|each| each["name"] == "q");
+    let all =
+        info["attributes"].as_array().into_iter().flatten().filter(|each| each["name"] == "q" || each["name"] == "q_2");
     let found: Vec<_> = all.map(|each| json!([each["type"], each["min"], each["max"]])).collect();
     assert_eq!(found, [json!(["u8", 1.0, 2.0]), json!(["i16", -6.0, -5.0])], "{outcome}");
     let text = folder.glint(["info", "two.ply"]);
-    assert!(text.text().contains("x f32, y f32, z f32, q u8, q i16\n"), "{text}");
+    assert!(text.text().contains("x f32, y f32, z f32, q u8, q_2 i16\n"), "{text}");
 }
 
 #[test]
