@@ -50,13 +50,6 @@ impl Input {
         matches!(self, Self::File(path) if codec::is_address(path))
     }
 
-    /// The files of a folder, or those that a catalogue names, if it can be read.
-    pub(crate) fn tiles(&self) -> Vec<PathBuf> {
-        let Self::File(path) = self else { return self.files().to_vec() };
-        let listed = codec::tiles_of(path).ok().flatten().unwrap_or_default();
-        listed.into_iter().map(|tile| tile.path).collect()
-    }
-
     /// Whether its files are one cloud, unless some lie apart: a folder or a catalogue.
     pub(crate) fn has_tiles(&self) -> bool {
         match self {

@@ -2,8 +2,7 @@
 //! clouds the normals and radii that were missing. The channel is bounded, so a slow receiver holds the readers back
 //! and the memory stays at what the receiver keeps.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
-use std::path::PathBuf;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};
 
@@ -14,7 +13,7 @@ use stream::Cache;
 use crate::cache::cache;
 use crate::director::Director;
 use crate::error::Result;
-use crate::event::{Event, Opened};
+use crate::event::Event;
 use crate::indexing::StreamedInput;
 use crate::input::Input;
 use crate::loader::Loader;
@@ -22,7 +21,6 @@ use crate::mailbox::Mailbox;
 use crate::reading::Loading;
 use crate::source::parts;
 use crate::tiles::Tiles;
-use crate::words::named_again;
 
 /// The number of chunks on their way from the readers to the receiver: enough that neither waits for the other, and at
 /// 65 thousand points of some 30 bytes each no more than 32 MB.
@@ -97,11 +95,6 @@ fn start_with(
     job
 }
 
-/// Whether an input is one of these tiles, and no catalogue.
-fn is_among(tiles: &HashSet<PathBuf>, input: &Input) -> bool {
-    matches!(input, Input::File(path) if tiles.contains(path)) && !input.has_tiles()
-}
-
 impl Loader {
     fn load(&self, inputs: &[Input]) {
         let _ = self.load_all(inputs);
@@ -121,24 +114,16 @@ impl Loader {
         // A server may be silent for a long time: what is on this machine is shown before.
         let (near, far): (Vec<&Input>, Vec<&Input>) = inputs.iter().partition(|input| !input.is_far());
         let reads_first = !far.is_empty();
-        let (mut tiles_of_far, mut again) = (HashSet::new(), Vec::new());
         for (place, input) in near.iter().chain(&far).enumerate() {
             if reads_first && place == near.len() {
                 self.expect(&opened);
                 opened.iter_mut().try_for_each(|loading| self.read(loading))?;
-                let catalogues = far.iter().filter(|input| far.len() > 1 && input.has_tiles());
-                tiles_of_far = catalogues.flat_map(|input| input.tiles()).collect();
-                again.extend(far.iter().filter(|input| is_among(&tiles_of_far, input)).map(|input| input.name()));
-            }
-            if is_among(&tiles_of_far, input) {
-                continue;
             }
             match input {
                 Input::File(_) | Input::Tiles { .. }
                     if let Some(found) = Tiles::of(input, clouds, &self.settings, self.also()) =>
                 {
-                    let warnings = if input.is_far() { named_again(std::mem::take(&mut again)) } else { Vec::new() };
-                    self.send(Event::Opened { cloud: clouds, opened: Opened { warnings, ..found.opened() } })?;
+                    self.send(Event::Opened { cloud: clouds, opened: found.opened() })?;
                     self.send(Event::Pages { cloud: clouds, pages: found.state(BTreeMap::new()) })?;
                     tiles.push(found);
                     clouds += 1;

@@ -374,13 +374,12 @@ pub fn resolve_open(words: &[String], own: Vec<CloudSettings>, settings: &Settin
 /// The number of unknown words that get a suggestion.
 const HINTS: usize = 3;
 
-/// Leaves out inputs that are named again, also files of folders and catalogues that are named, and warns of them. A
-/// server may be silent for a long time, so the loader looks into its catalogues.
+/// Leaves out inputs that are named again, also files of folders that are named, and warns of them.
 fn open_once(request: &mut Request) {
-    let is_file = |input: &Input| matches!(input, Input::File(_)) && !input.has_tiles();
+    let is_file = |input: &Input| matches!(input, Input::File(_));
     let has_files = request.inputs.iter().any(is_file);
-    let wholes = request.inputs.iter().filter(|input| has_files && input.has_tiles() && !input.is_far());
-    let tiles: HashSet<PathBuf> = wholes.flat_map(Input::tiles).map(|tile| whole(&tile)).collect();
+    let folders = request.inputs.iter().filter(|input| has_files && matches!(input, Input::Tiles { .. }));
+    let tiles: HashSet<PathBuf> = folders.flat_map(Input::files).map(|file| whole(file)).collect();
     let mut known = HashSet::new();
     let mut again = Vec::new();
     request.inputs.retain(|input| {
@@ -391,13 +390,8 @@ fn open_once(request: &mut Request) {
         }
         is_new
     });
-    request.warnings.extend(named_again(again));
-}
-
-/// Says that inputs are named more than once.
-pub(crate) fn named_again(names: Vec<String>) -> Vec<String> {
-    let warnings = names.iter().map(|name| format!("{name}: named more than once, and opened once"));
-    param::few(warnings.collect(), "that are named more than once")
+    let warnings = again.iter().map(|name| format!("{name}: named more than once, and opened once"));
+    request.warnings.extend(param::few(warnings.collect(), "that are named more than once"));
 }
 
 /// What tells an input from others.

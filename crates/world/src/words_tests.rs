@@ -346,18 +346,6 @@ fn what_is_named_again_is_opened_once() {
 }
 
 #[test]
-fn a_tile_that_is_named_beside_its_catalogue_is_opened_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let [tile, other, catalogue] = ["a.ply", "other.ply", "all.vpc"].map(|name| folder.path().join(name));
-    [&tile, &other].into_iter().for_each(|path| std::fs::write(path, THREE_POINTS).unwrap());
-    let item = r#"{ "assets": { "data": { "href": "./a.ply" } } }"#;
-    std::fs::write(&catalogue, format!(r#"{{ "type": "FeatureCollection", "features": [{item}] }}"#)).unwrap();
-    let request = resolve(&[&tile, &catalogue, &other]);
-    assert_eq!(request.inputs, [Input::File(catalogue), Input::File(other)]);
-    assert!(request.warnings[0].ends_with("a.ply: named more than once, and opened once"), "{:?}", request.warnings);
-}
-
-#[test]
 fn many_words_that_name_nothing_are_counted() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene.toml");

@@ -77,32 +77,6 @@ fn tiles_that_were_missing_come_while_the_scene_is_open() {
 }
 
 #[test]
-fn a_tile_that_is_named_beside_its_catalogue_on_a_server_comes_once() {
-    let Some(data) = real_data::test_data() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    catalogue(folder.path(), &data);
-    let server = Server::of_folder(folder.path(), Habits::default());
-    let inputs = ["5.copc.laz", "all.vpc"].map(|name| server.path(name));
-    inputs.iter().for_each(|address| codec::trust_address(address));
-    let mut settings = Settings::default();
-    settings.stream.pages = Paging::Always;
-    let job = world::start(inputs.map(Input::File).to_vec(), &settings, BTreeSet::new());
-    let mut opened = Vec::new();
-    for event in &job.events {
-        match event {
-            Event::Opened { opened: own, .. } => opened.push(own),
-            Event::Stream(stats) if stats.is_settled => break,
-            Event::Failed { error, .. } => panic!("{error}"),
-            _ => {}
-        }
-    }
-    let [cloud] = opened.as_slice() else { panic!("{} clouds", opened.len()) };
-    assert!(cloud.input.ends_with("all.vpc"), "{}", cloud.input);
-    let told = &cloud.warnings;
-    assert!(told.len() == 1 && told[0].ends_with("5.copc.laz: named more than once, and opened once"), "{told:?}");
-}
-
-#[test]
 fn the_boxes_of_all_tiles_are_known_before_the_tiles_are_fetched() {
     let Some(data) = real_data::test_data() else { return };
     let folder = tempfile::tempdir().unwrap();
