@@ -17,11 +17,15 @@ static WANTED: AtomicU8 = AtomicU8::new(0);
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// From now on Ctrl-C and signals to end ask the work to stop, and call `wake` to wake threads that do not call `check`.
-/// The program ends at once on a second one, or if the work has not stopped after `PATIENCE`.
+/// The program ends at once on a second Ctrl-C, or if the work has not stopped after `PATIENCE`. A terminal that is closed
+/// sends its signal twice, and the end of a session two different ones: they only ask again.
 pub fn catch(wake: impl Fn() + Send + Sync + 'static) {
     let stop = Arc::new(move |status| {
         if WANTED.compare_exchange(0, status, Ordering::Relaxed, Ordering::Relaxed).is_err() {
-            end();
+            if status == INTERRUPTED {
+                end();
+            }
+            return;
         }
         wake();
         std::thread::spawn(|| {

@@ -63,9 +63,8 @@ pub fn run(scene: &str, words: &[OsString], leash: &Leash, tell: impl Fn(Stage))
             told.extend((!complaints.is_empty()).then(|| plain(&complaints)));
             Ended::Done(told.join("; "))
         }
-        Ok(status) if was_stopped && status.code() == Some(i32::from(crate::system::failure::INTERRUPTED)) => {
-            Ended::Stopped
-        }
+        // By the window, or with it by a signal to end.
+        Ok(status) if was_stopped && status.code().is_some_and(|code| code > 128) => Ended::Stopped,
         Ok(status) if complaints.is_empty() => Ended::Failed(format!("glint record ended with {status}")),
         Ok(_) => Ended::Failed(plain(&complaints)),
         Err(error) => Ended::Failed(error.to_string()),
