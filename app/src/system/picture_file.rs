@@ -186,16 +186,22 @@ fn behind_links(path: &Path) -> PathBuf {
     path
 }
 
-/// Gives a file that is being written the permissions of the one that it replaces.
+/// Gives a file that is being written the group and the permissions of the one that it replaces.
+#[cfg(unix)]
 fn keep_permissions(partial: &File, replaced: &Path) {
-    // Elsewhere the only permission is that to write, and a file without it cannot be replaced.
-    if let Ok(metadata) = std::fs::metadata(replaced)
-        && cfg!(unix)
-    {
+    use std::os::unix::fs::{MetadataExt as _, fchown};
+    let (Ok(before), Ok(own)) = (std::fs::metadata(replaced), partial.metadata()) else { return };
+    // To another group its permissions would be of no use, and what they leave to all may be less.
+    let is_of_group = before.gid() == own.gid() || fchown(partial, None, Some(before.gid())).is_ok();
+    if is_of_group {
         // Not all disks have permissions.
-        let _ = partial.set_permissions(metadata.permissions());
+        let _ = partial.set_permissions(before.permissions());
     }
 }
+
+/// Elsewhere the only permission is that to write, and a file without it cannot be replaced.
+#[cfg(not(unix))]
+fn keep_permissions(_: &File, _: &Path) {}
 
 /// The path of a file while it is being written. Each call returns another one, so that no two threads or programs
 /// share it.
