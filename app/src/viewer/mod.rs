@@ -45,6 +45,7 @@ use picture::capture::{self, Capture, Captured};
 use picture::event_log::EventLog;
 pub use picture::messages::Picture;
 use picture::messages::Report;
+use picture::pace;
 use picture::window_texture::NO_MEMORY;
 use requests::action::{Action, Export, Filing, PictureDraft, SavePicture};
 use requests::messages::Level;
@@ -229,7 +230,7 @@ struct Viewer {
     next_paint: Option<Instant>,
     /// Whether the program itself asked the window for a paint, and the system did not.
     is_asked: Cell<bool>,
-    /// When the window was painted last, if nothing had changed or a frame is being drawn.
+    /// When the window was painted last, if the next paint may wait.
     idle_paint: Option<Instant>,
     title: String,
     /// Recordings of the window; of the last one the window may still take pictures.
@@ -248,9 +249,9 @@ struct Viewer {
 
 /// The window is painted at most this often while chunks are loaded.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
-/// After a paint that changed nothing, moves of the mouse and animations cause the next one no sooner than this: no screen
-/// holds back such paints. While a frame is drawn, which needs the processors, they can wait longer after every paint: the
-/// frame is painted as soon as it comes.
+/// After a paint that changed nothing, moves of the mouse, animations and what they have changed cause the next one no
+/// sooner than this: no screen holds back such paints. While a frame is drawn they can wait longer, where the processors
+/// draw it after every paint: the frame is painted as soon as it comes.
 const IDLE_PAINT_INTERVALS: [Duration; 2] = [Duration::from_millis(12), Duration::from_millis(30)];
 /// A dialog that ends sooner than this was never shown: the system has no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);
@@ -496,11 +497,11 @@ impl Viewer {
         match painted {
             Painted::Next { delay, is_new, .. } => {
                 self.log.on_painted();
-                let pause = (!is_new || session.frames.under_way > 0).then(|| idle_interval(session));
+                let needs_processors = session.frames.under_way > 0 && screen.gpu.is_processor();
+                let pause = (!is_new || needs_processors).then(|| idle_interval(session));
                 self.idle_paint = pause.map(|_| Instant::now());
                 let delay = again.map_or(delay, |again| delay.min(again));
-                let delay = if is_changed { Duration::ZERO } else { delay };
-                let delay = pause.map_or(delay, |pause| delay.max(pause));
+                let delay = pace::next_paint(delay, is_changed, pause);
                 let delay = capture.map_or(delay, |capture| delay.min(capture));
                 self.next_paint = Instant::now().checked_add(delay);
                 must_follow = delay.is_zero();

@@ -1,5 +1,7 @@
-//! How budgets are divided: the budgets of streaming among the open clouds, and the time of a frame while something
-//! moves.
+//! How budgets are divided: the budgets of streaming among the open clouds, the time of a frame while something moves, and
+//! the processors between frames and the window.
+
+use std::time::Duration;
 
 use render::FrameStats;
 
@@ -22,6 +24,13 @@ pub fn shares(demands: &[f64]) -> Vec<f64> {
     }
     let more = left / needs.len().max(1) as f64;
     shares.iter().map(|share| share + more).collect()
+}
+
+/// When the window is painted next: after the delay, or at once where something has changed, but not before the pause is
+/// over.
+pub fn next_paint(delay: Duration, is_changed: bool, pause: Option<Duration>) -> Duration {
+    let wanted = if is_changed { Duration::ZERO } else { delay };
+    wanted.max(pause.unwrap_or_default())
 }
 
 /// By how much a frame is coarser while something moves.
@@ -188,6 +197,14 @@ impl QuickPace {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_window_is_painted_at_once_after_a_change_but_not_while_the_processors_draw_a_frame() {
+        let [soon, pause, late] = [0, 30, 400].map(Duration::from_millis);
+        assert_eq!((next_paint(late, false, None), next_paint(late, true, None)), (late, soon));
+        assert_eq!((next_paint(late, false, Some(pause)), next_paint(soon, false, Some(pause))), (late, pause));
+        assert_eq!(next_paint(late, true, Some(pause)), pause);
+    }
 
     #[test]
     fn budgets_go_to_who_needs_them() {
