@@ -119,7 +119,8 @@ impl Path {
     const AHEAD: Duration = Duration::from_millis(500);
 
     fn go_to(&mut self, camera: Camera, now: Instant) {
-        if self.0.back().is_some_and(|(at, _)| now - *at > Self::REST) {
+        let is_jump = |(at, before): &(Instant, Camera)| now - *at > Self::REST || !is_near(before, &camera);
+        if self.0.back().is_some_and(is_jump) {
             self.0.clear();
         }
         self.0.push_back((now, camera));
@@ -141,14 +142,20 @@ impl Path {
         let mut there = camera;
         for _ in 0..steps.round() as u32 {
             let next = Camera::from_eye(go_on(there.eye), go_on(there.pivot), there.up);
-            // Who flies to something stops before it.
-            if (next.eye - camera.eye).dot(camera.forward()) > 0.5 * camera.distance() {
+            // Who flies to something stops before it, and nobody knows the walls beyond.
+            if !is_near(&camera, &next) {
                 break;
             }
             there = next;
         }
         there
     }
+}
+
+/// Whether a camera comes from one place to another by moving on: not by more than half of the way to what it looks at, and
+/// without looking aside.
+fn is_near(from: &Camera, to: &Camera) -> bool {
+    from.eye.distance(to.eye) <= 0.5 * from.distance() && from.forward().dot(to.forward()) > 0.7
 }
 
 /// What mirrors show in a coarse frame, or in the last picture at rest.
@@ -259,7 +266,7 @@ impl MovingPictures {
         let most_reflected = Some(self.reflected.most(&request.settings));
         let spared = Spared { divisor, most_points: Some(pixels), most_reflected };
         let mut coarse = FrameRequest { spared: Some(spared), ..request.clone() };
-        if !stands {
+        if !stands && request.light_may_lag {
             // It is shown from when it is done until the next one is. It shows what mirrors show in the middle of that time.
             let known = self.mirrors.as_ref().filter(|known| !known.is_rest);
             let until = known.map_or(MIRRORS_STAY[0] / 2, |known| known.lasted + known.stays() / 2);
@@ -389,16 +396,16 @@ mod tests {
         let about = DVec3::new(2.0, 1.0, 0.0);
         let movements: [&dyn Fn(&mut Camera); 5] = [
             &|camera| camera.orbit(0.06, 0.0),
-            &|camera| camera.orbit_about(about, -0.08, 0.0),
+            &|camera| camera.orbit_about(about, -0.06, 0.0),
             &|camera| camera.look(0.05, 0.0),
             &|camera| camera.fly(DVec3::new(0.1, 0.05, -0.02)),
             &|_| {},
         ];
         for (number, step) in movements.into_iter().enumerate() {
             let (path, camera, now) = path_of(start, 8, step);
-            let there = path.ahead(camera, now, Duration::from_millis(450));
+            let there = path.ahead(camera, now, Duration::from_millis(300));
             let mut expected = camera;
-            (0..9).for_each(|_| step(&mut expected));
+            (0..6).for_each(|_| step(&mut expected));
             let apart = [there.eye - expected.eye, there.forward() - expected.forward()].map(DVec3::length);
             assert!(apart[0].max(apart[1]) < 1e-9, "movement {number}: {apart:?}");
             assert_eq!(path.ahead(camera, now, Duration::ZERO), camera);
@@ -408,11 +415,18 @@ mod tests {
     #[test]
     fn a_camera_is_expected_nowhere_far_from_where_it_is() {
         let start = Camera::from_eye(DVec3::new(0.0, -8.0, 0.0), DVec3::ZERO, DVec3::Z);
-        // Nobody flies through what they look at.
-        let (path, camera, now) = path_of(start, 3, |camera| camera.fly(DVec3::new(0.0, 0.0, 1.0)));
-        let there = path.ahead(camera, now, Duration::from_secs(9));
-        let way = camera.eye.distance(there.eye);
-        assert!((0.1..=0.5).contains(&(way / camera.distance())), "{way} of {}", camera.distance());
+        // Nobody flies through what they look at, and walls are not far behind anybody.
+        for step in [DVec3::Z, -DVec3::Z, DVec3::X] {
+            let (path, camera, now) = path_of(start, 3, |camera| camera.fly(step));
+            let there = path.ahead(camera, now, Duration::from_secs(9));
+            let way = camera.eye.distance(there.eye);
+            assert!((0.1..=0.5).contains(&(way / camera.distance())), "{way} of {}", camera.distance());
+        }
+        // A view of a bookmark is not on the way to another.
+        let (mut path, _, now) = path_of(start, 3, |camera| camera.orbit(0.01, 0.0));
+        let elsewhere = Camera::from_eye(DVec3::new(30.0, 0.0, 2.0), DVec3::ZERO, DVec3::Z);
+        path.go_to(elsewhere, now + Duration::from_millis(50));
+        assert_eq!(path.ahead(elsewhere, now + Duration::from_millis(50), Path::AHEAD), elsewhere);
         // A hand turns around before long.
         let (path, camera, now) = path_of(start, 3, |camera| camera.orbit(0.01, 0.0));
         assert_eq!(path.ahead(camera, now, Duration::from_secs(9)), path.ahead(camera, now, Path::AHEAD));
@@ -435,6 +449,23 @@ mod tests {
         (0..6).for_each(|_| expected.orbit(-0.02, 0.0));
         let apart = path.ahead(camera, now, Duration::from_millis(360)).eye.distance(expected.eye);
         assert!(apart < 1e-9, "{apart}");
+    }
+
+    #[test]
+    fn a_coarse_frame_is_drawn_for_where_the_camera_will_be_while_it_moves() {
+        let still = FrameRequest { hurried: true, light_may_lag: true, ..FrameRequest::any() };
+        let mut moving = MovingPictures { stand: Some((Vec::new(), still.camera, 1)), ..Default::default() };
+        let (mut request, now) = (still.clone(), Instant::now());
+        for picture in 0..4 {
+            request.camera.orbit(0.05, 0.0);
+            moving.path.go_to(request.camera, now + picture * Duration::from_millis(50));
+        }
+        let turned = |camera: &Camera| camera.eye.distance(still.camera.eye);
+        assert!(turned(&moving.coarse(&request).camera) > turned(&request.camera) + 0.01);
+        // Where nothing moves any more, it is drawn for what is seen.
+        let ended = FrameRequest { light_may_lag: false, ..request.clone() };
+        assert_eq!(moving.coarse(&ended).camera, request.camera);
+        assert_eq!(moving.coarse(&still).camera, still.camera);
     }
 
     #[test]
