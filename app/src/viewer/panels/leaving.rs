@@ -216,8 +216,10 @@ mod tests {
     fn unsaved_work_is_offered_without_taking_a_key_and_never_where_something_else_was_named() {
         let folder = tempfile::tempdir().unwrap();
         let left = || {
-            let keeper = crate::viewer::requests::autosave::Keeper::new(folder.path().to_owned());
-            keeper.keep(Some(("clouds = [\"a.laz\"]\n", Some(std::path::Path::new("/scans/hall.toml"))))).unwrap();
+            use crate::viewer::requests::autosave::{Home, Keeper};
+            let keeper = Keeper::new(folder.path().to_owned());
+            let home = Home { path: "/scans/hall.toml".into(), known: 0 };
+            keeper.keep(Some(("clouds = [\"a.laz\"]\n", Some(&home)))).unwrap();
             drop(keeper);
             crate::viewer::requests::autosave::abandoned(folder.path())
         };

@@ -12,7 +12,7 @@ use scene::whole_file;
 use crate::shared::language::text;
 use crate::system::picture_file;
 
-/// The first line of a file names, as a JSON string, the scene file that was being worked on.
+/// The first line of a file has, as JSON, the path of the scene file that was being worked on, and its checksum.
 const PLACE: &str = "# of ";
 /// How the files are called.
 const START: &str = "unsaved-";
@@ -22,6 +22,14 @@ const LOCK: &str = "lock";
 const MOST: usize = 50;
 /// A lock without a file is removed after this time: its program may only just have made it.
 const OLD_LOCK: Duration = Duration::from_secs(24 * 3600);
+
+/// The scene file that work belongs to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Home {
+    pub path: PathBuf,
+    /// Its checksum when the program last read or wrote it.
+    pub known: u32,
+}
 
 /// Keeps the unsaved work of this program. All functions may be called from any thread.
 pub struct Keeper {
@@ -42,16 +50,16 @@ impl Keeper {
         Arc::new(Self { folder, state: Mutex::default() })
     }
 
-    /// Writes the work as the text of a scene file, of which `place` is the file that it belongs to; or removes it.
+    /// Writes the work as the text of a scene file, with the file that it belongs to; or removes it.
     ///
     /// # Errors
     /// The folder or the file cannot be written; names it.
-    pub fn keep(&self, work: Option<(&str, Option<&Path>)>) -> anyhow::Result<()> {
+    pub fn keep(&self, work: Option<(&str, Option<&Home>)>) -> anyhow::Result<()> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if state.is_over {
             return Ok(());
         }
-        let Some((text, place)) = work else {
+        let Some((text, home)) = work else {
             if let Some((path, _)) = &state.own {
                 let _ = std::fs::remove_file(path);
             }
@@ -60,8 +68,8 @@ impl Keeper {
         if state.own.is_none() {
             state.own = Some(self.begin()?);
         }
-        let first = place.map_or(String::new(), |place| {
-            format!("{PLACE}{}\n", serde_json::Value::from(place.display().to_string()))
+        let first = home.map_or(String::new(), |home| {
+            format!("{PLACE}{}\n", serde_json::json!([home.path.display().to_string(), home.known]))
         });
         let Some((path, _)) = &state.own else { return Ok(()) };
         let written = picture_file::write_text(path, &(first + text));
@@ -105,7 +113,7 @@ fn remove(path: &Path, lock: File) {
 pub struct Abandoned {
     pub path: PathBuf,
     /// The scene file that was being worked on.
-    pub place: Option<PathBuf>,
+    pub home: Option<Home>,
     /// When it was written.
     pub written: SystemTime,
     lock: File,
@@ -119,7 +127,7 @@ impl Abandoned {
 
     /// What was being worked on.
     pub fn name(&self) -> String {
-        let name = self.place.as_ref().and_then(|place| place.file_name());
+        let name = self.home.as_ref().and_then(|home| home.path.file_name());
         name.map_or(text!("a scene that has no file").into(), |name| name.to_string_lossy().into_owned())
     }
 
@@ -156,8 +164,9 @@ pub fn abandoned(folder: &Path) -> Vec<Abandoned> {
             continue;
         };
         let first = text.lines().next().and_then(|line| line.strip_prefix(PLACE));
-        let place = first.and_then(|place| serde_json::from_str::<String>(place).ok()).map(PathBuf::from);
-        found.push(Abandoned { path, place, written, lock });
+        let home = first.and_then(|home| serde_json::from_str::<(PathBuf, u32)>(home).ok());
+        let home = home.map(|(path, known)| Home { path, known });
+        found.push(Abandoned { path, home, written, lock });
     }
     found.sort_by_key(|abandoned| abandoned.written);
     found
@@ -171,9 +180,9 @@ mod tests {
     fn work_is_found_by_another_run_only_when_its_program_has_ended() {
         let folder = tempfile::tempdir().unwrap();
         let keeper = Keeper::new(folder.path().join("unsaved"));
-        let place = Path::new("/scans/the \"hall\".toml");
+        let home = Home { path: "/scans/the \"hall\".toml".into(), known: 7 };
         keeper.keep(Some(("clouds = [\"a.laz\"]\n", None))).unwrap();
-        keeper.keep(Some(("clouds = [\"b.laz\"]\n", Some(place)))).unwrap();
+        keeper.keep(Some(("clouds = [\"b.laz\"]\n", Some(&home)))).unwrap();
         assert!(abandoned(&keeper.folder).is_empty(), "its program runs");
         let other = Keeper::new(keeper.folder.clone());
         other.keep(Some(("clouds = []\n", None))).unwrap();
@@ -182,7 +191,7 @@ mod tests {
         drop(keeper);
         let mut found = abandoned(&unsaved);
         let [one] = found.as_slice() else { panic!("{found:?}") };
-        assert_eq!(one.place.as_deref(), Some(place));
+        assert_eq!(one.home.as_ref(), Some(&home));
         let (file, _) = scene::SceneFile::read(&one.path).unwrap();
         assert_eq!(file.clouds, ["b.laz"]);
         assert!(abandoned(&unsaved).is_empty(), "another start holds it");

@@ -31,7 +31,7 @@ use crate::viewer::objects::figures::{Basis, Figures};
 use crate::viewer::objects::inspection;
 use crate::viewer::picture::capture::Captured;
 use crate::viewer::picture::messages::PickedPoint;
-use crate::viewer::requests::autosave::Keeper;
+use crate::viewer::requests::autosave::{Home, Keeper};
 
 /// The parts of a cloud of some 50 thousand points that tell its noise.
 const PARTS_FOR_NOISE: usize = 6;
@@ -144,12 +144,11 @@ pub enum Work {
         text: String,
         known: Option<u32>,
     },
-    /// Keeps unsaved work against a crash: a scene that belongs to the file `place`. Without text it removes what was
-    /// kept.
+    /// Keeps unsaved work against a crash: a scene that belongs to a file. Without text it removes what was kept.
     Keep {
         keeper: Arc<Keeper>,
         text: Option<String>,
-        place: Option<PathBuf>,
+        home: Option<Home>,
     },
     /// Writes the points of files that are shown to a new file.
     Export {
@@ -410,8 +409,15 @@ impl Work {
             Self::SaveScene { path, text, known } => {
                 let before = scene::whole_file::read(&path);
                 let now = checksum(&before);
-                if known.is_some_and(|known| now != known && now != 0) {
-                    return found(Found::SceneChanged { path });
+                match &before {
+                    // Whether it has changed cannot be told.
+                    Err(problem) if now != 0 && known.is_some() => {
+                        return found(Found::SceneSaved { path, result: Err(problem.to_string()) });
+                    }
+                    _ if known.is_some_and(|known| now != known && now != 0) => {
+                        return found(Found::SceneChanged { path });
+                    }
+                    _ => {}
                 }
                 // A person may have written the file that is replaced.
                 let text = scene::with_comments(&text, &before.unwrap_or_default());
@@ -419,8 +425,8 @@ impl Work {
                 let result = written.map(|()| checksum(&Ok(text)));
                 found(Found::SceneSaved { path, result });
             }
-            Self::Keep { keeper, text, place } => {
-                let kept = keeper.keep(text.as_deref().map(|text| (text, place.as_deref())));
+            Self::Keep { keeper, text, home } => {
+                let kept = keeper.keep(text.as_deref().map(|text| (text, home.as_ref())));
                 found(Found::Kept(kept.map_err(|error| format!("{error:#}"))));
             }
             Self::Truth(task) => task.run(|answer| found(Found::Truth(Box::new(answer)))),

@@ -17,7 +17,7 @@ use crate::viewer::objects::Objects;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::objects::history::{History, Marks};
 use crate::viewer::requests::action::Filing;
-use crate::viewer::requests::autosave::{Abandoned, Keeper};
+use crate::viewer::requests::autosave::{Abandoned, Home, Keeper};
 use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::requests::file_names::{free_path, picture_name};
 use crate::viewer::requests::messages::Level;
@@ -250,7 +250,9 @@ impl Document {
                 self.save(scene, loaded, outside);
             }
             Filing::Discard => return self.asked.take().map(Next::Go),
-            Filing::Stay => (self.asked, self.asks_to_replace, self.then) = (None, false, None),
+            // Of two questions, the one that is shown is answered.
+            Filing::Stay if self.asked.is_some() => self.asked = None,
+            Filing::Stay => (self.asks_to_replace, self.then) = (false, None),
             Filing::Open(path) => return Some(Next::Leave(Leaving::Open(path))),
             Filing::Restore => return Some(Next::Leave(Leaving::Restore)),
             Filing::DeleteLeft => self.delete_abandoned(),
@@ -380,7 +382,7 @@ impl Document {
         if !is_unsaved {
             if self.kept.take().is_some() {
                 self.is_being_kept = true;
-                outside.work(Work::Keep { keeper, text: None, place: None });
+                outside.work(Work::Keep { keeper, text: None, home: None });
             }
             return None;
         }
@@ -406,8 +408,13 @@ impl Document {
             }
         };
         (self.kept, self.kept_at, self.is_being_kept) = (Some(state), Some(outside.now), true);
-        outside.work(Work::Keep { keeper, text: Some(text), place: self.place.clone() });
+        outside.work(Work::Keep { keeper, text: Some(text), home: self.home() });
         None
+    }
+
+    /// The file that unsaved work belongs to.
+    fn home(&self) -> Option<Home> {
+        self.place.clone().map(|path| Home { path, known: self.known })
     }
 
     /// Ends keeping unsaved work: writes it for the last time if it stays for the next start, else removes it.
@@ -415,7 +422,7 @@ impl Document {
         let Some(keeper) = self.keeper.take() else { return };
         if stays {
             let text = scene.session_text(&self.inputs, loaded, None).map_err(anyhow::Error::msg);
-            if let Err(error) = text.and_then(|text| keeper.keep(Some((&text, self.place.as_deref())))) {
+            if let Err(error) = text.and_then(|text| keeper.keep(Some((&text, self.home().as_ref())))) {
                 tracing::error!("unsaved work: {error:#}");
             }
         }
@@ -455,7 +462,7 @@ impl Document {
         let Some(newest) = self.abandoned.last() else { return };
         let is_named =
             |place: &PathBuf| named.iter().any(|name| std::path::absolute(name).is_ok_and(|name| name == *place));
-        self.offers = named.is_empty() || newest.place.as_ref().is_some_and(is_named);
+        self.offers = named.is_empty() || newest.home.as_ref().is_some_and(|home| is_named(&home.path));
         if !self.offers {
             let what = newest.name();
             outside.note(text!("Unsaved work on {what}, {age}, is kept: Recent has it", what, age = newest.age()));
@@ -463,11 +470,11 @@ impl Document {
     }
 
     /// The file with the work to restore, and the scene file that it belongs to.
-    pub fn restore(&mut self) -> Option<(PathBuf, Option<PathBuf>)> {
+    pub fn restore(&mut self) -> Option<(PathBuf, Option<Home>)> {
         let abandoned = self.abandoned.pop()?;
-        let places = (abandoned.path.clone(), abandoned.place.clone());
+        let work = (abandoned.path.clone(), abandoned.home.clone());
         self.restored = Some(abandoned);
-        Some(places)
+        Some(work)
     }
 
     /// Deletes the offered work.
@@ -478,9 +485,9 @@ impl Document {
     }
 
     /// Notes that what is open was restored: nothing of it is saved at `place`.
-    pub fn on_restored(&mut self, place: Option<PathBuf>) {
-        self.known = place.as_ref().map_or(0, |place| checksum(&whole_file::read(place)));
-        (self.place, self.saved, self.restored_inputs) = (place, None, self.inputs.clone());
+    pub fn on_restored(&mut self, home: Option<Home>) {
+        (self.known, self.place) = home.map_or((0, None), |home| (home.known, Some(home.path)));
+        (self.saved, self.restored_inputs) = (None, self.inputs.clone());
     }
 }
 

@@ -455,6 +455,10 @@ fn unsaved_work_is_kept_restored_after_a_crash_and_gone_when_it_is_saved() {
     settle(&mut crashed);
     assert_eq!(left(&kept), 0, "its program runs");
     drop(crashed);
+    // Another program saves the same scene.
+    let file = folder.path().join("hall.toml");
+    let noted = std::fs::read_to_string(&file).unwrap() + "[[notes]]\ntext = \"a door\"\nposition = [0.0, 0.0, 0.0]\n";
+    std::fs::write(&file, &noted).unwrap();
 
     let mut session = Session::new(Preferences::default());
     session.document.keeper = Some(Keeper::new(kept.clone()));
@@ -469,7 +473,11 @@ fn unsaved_work_is_kept_restored_after_a_crash_and_gone_when_it_is_saved() {
     assert_eq!(files(&kept), 2, "this program's own file and its lock have replaced those of the other");
     session.act(Action::File(Filing::Save));
     settle(&mut session);
-    assert!(std::fs::read_to_string(folder.path().join("hall.toml")).unwrap().contains("[[mirrors]]"));
+    assert!(session.document.asks_to_replace);
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), noted);
+    session.act(Action::File(Filing::Replace));
+    settle(&mut session);
+    assert!(std::fs::read_to_string(&file).unwrap().contains("[[mirrors]]"));
     assert_eq!(files(&kept), 1, "the lock alone");
     session.document.end(false, &session.scene, &session.loaded);
     assert_eq!(files(&kept), 0);

@@ -25,6 +25,7 @@ use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::{Command, Frame, Report};
 use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::autosave::Home;
 use crate::viewer::requests::columns::{self, ColumnsDraft, Naming};
 use crate::viewer::requests::messages::{Level, Messages};
 use crate::viewer::requests::outside::{Effect, News, Outside};
@@ -113,15 +114,15 @@ impl Session {
             Leaving::Close(key) => self.remove_cloud(key),
             Leaving::Open(path) => self.open_instead(&path, None),
             Leaving::Restore => {
-                if let Some((path, place)) = self.document.restore() {
-                    self.open_instead(&path, Some(place));
+                if let Some((path, home)) = self.document.restore() {
+                    self.open_instead(&path, Some(home));
                 }
             }
         }
     }
 
-    /// Closes everything and opens a scene, or the work that was kept of the file at `restored`.
-    fn open_instead(&mut self, path: &Path, restored: Option<Option<PathBuf>>) {
+    /// Closes everything and opens a scene, or the work that was kept of the file `restored`.
+    fn open_instead(&mut self, path: &Path, restored: Option<Option<Home>>) {
         let mut request = world::resolve(&[path]);
         if let Err(error) = request.check() {
             return self.outside.say(Level::Error, error.to_string());
@@ -139,7 +140,7 @@ impl Session {
         self.open_scene(request, is_file);
         // What a person has chosen does not make room for the next file.
         self.first_look = None;
-        restored.into_iter().for_each(|place| self.document.on_restored(place));
+        restored.into_iter().for_each(|home| self.document.on_restored(home));
     }
 
     pub(super) fn remove_cloud(&mut self, key: CloudKey) {
