@@ -70,7 +70,8 @@ impl Loaded {
             .outside
             .log(json!({ "event": "opened", "name": opened.name, "expected_points": opened.expected_points }));
         // A streamed cloud has no source to look records up in; a built-in scene has no file.
-        if opened.source.is_some() || Path::new(&opened.input).exists() {
+        let is_file = opened.source.is_some() || Path::new(&opened.input).exists();
+        if is_file && opened.input != codec::Bytes::STANDARD_INPUT {
             // The next start may be in another folder.
             let is_address = codec::is_address(Path::new(&opened.input));
             let whole = std::path::absolute(&opened.input).ok().filter(|_| !is_address);

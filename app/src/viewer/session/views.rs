@@ -248,7 +248,9 @@ fn named_files(file: &mut SceneFile) -> impl Iterator<Item = &mut String> {
 /// Makes the names of files in a folder relative to it.
 fn name_from(file: &mut SceneFile, folder: &Path) {
     for name in named_files(file) {
-        if let Some(beside) = Path::new(&*name).strip_prefix(folder).ok().and_then(Path::to_str) {
+        let beside = Path::new(&*name).strip_prefix(folder).ok().and_then(Path::to_str);
+        // The folder itself would have no name.
+        if let Some(beside) = beside.filter(|beside| !beside.is_empty()) {
             *name = beside.to_owned();
         }
     }
@@ -269,6 +271,14 @@ mod tests {
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::preferences::Preferences;
     use crate::viewer::session::Session;
+
+    #[test]
+    fn files_are_named_from_the_folder_that_they_lie_in_but_the_folder_itself_keeps_its_name() {
+        let names = ["/scans/a.laz", "/scans/tiles", "/scans", "/other/b.laz", "http://host/c.laz"];
+        let mut file = SceneFile { clouds: names.map(str::to_owned).to_vec(), ..SceneFile::default() };
+        name_from(&mut file, Path::new("/scans"));
+        assert_eq!(file.clouds, ["a.laz", "tiles", "/scans", "/other/b.laz", "http://host/c.laz"]);
+    }
 
     #[test]
     fn a_view_that_is_copied_and_pasted_elsewhere_is_the_same() {
