@@ -185,9 +185,11 @@ fn the_legend_names_the_classes_that_are_shown_however_others_are_hidden() {
     let folder = Folder::new();
     folder.write("all.las", las(points().iter()));
     let mut pictures = Vec::new();
-    for (how, hiding) in HIDINGS {
+    // The last one has no legend.
+    let all = HIDINGS.map(|(how, hiding)| (how, hiding, true)).into_iter().chain([("nothing", HIDING, false)]);
+    for (how, hiding, legend) in all {
         folder.write("hiding.toml", format!("clouds = [\"all.las\"]\n{SCENE}{hiding}"));
-        let words = "render hiding.toml -o a.png --size 320x240 --method none --set overlay.legend=true";
+        let words = format!("render hiding.toml -o a.png --size 320x240 --method none --set overlay.legend={legend}");
         let colors = "--set color.by=class --set light.by=colors";
         let outcome = folder.glint(words.split(' ').chain(colors.split(' ')));
         if lacks_adapter(&outcome) {
@@ -196,7 +198,9 @@ fn the_legend_names_the_classes_that_are_shown_however_others_are_hidden() {
         assert_eq!(outcome.status, Some(0), "{outcome}");
         pictures.push((how, std::fs::read(folder.path("a.png")).expect("the picture")));
     }
+    let (_, without) = pictures.pop().expect("the last one");
     let (how, first) = &pictures[0];
+    assert!(*first != without, "there is no legend");
     pictures[1..].iter().for_each(|(other, picture)| assert!(picture == first, "{how} and {other} differ"));
 }
 

@@ -52,7 +52,7 @@ impl Camera {
             .or_else(|| (!is_direction).then(|| ("up", "no direction".into())))
     }
 
-    /// A camera with the values of a scene file: `up` may have any length but zero, and the eye may be at the pivot
+    /// A camera with the values of a scene file: `up` may have any usable length, and the eye may be at the pivot
     /// or straight above it.
     pub fn from_eye(eye: DVec3, pivot: DVec3, up: DVec3) -> Self {
         Self::looking(pivot, eye - pivot, eye.distance(pivot), up)
