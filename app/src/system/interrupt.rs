@@ -46,10 +46,20 @@ pub fn catch(wake: impl Fn() + Send + Sync + 'static) {
 /// Calls `stop` for each signal to end but that of Ctrl-C, with the exit status by which shells report it.
 #[cfg(unix)]
 fn catch_signals(stop: Arc<impl Fn(u8) + Send + Sync + 'static>) -> std::io::Result<()> {
+    use std::io::Read as _;
+
     use signal_hook::consts::{SIGHUP, SIGTERM};
     let ends_with_terminal = if ends_with_terminal() { Some(SIGHUP) } else { None };
-    let mut signals = signal_hook::iterator::Signals::new([SIGTERM].into_iter().chain(ends_with_terminal))?;
-    std::thread::spawn(move || signals.forever().for_each(|signal| stop(128 + signal as u8)));
+    for signal in [SIGTERM].into_iter().chain(ends_with_terminal) {
+        let (mut signals, sender) = std::io::pipe()?;
+        signal_hook::low_level::pipe::register(signal, sender)?;
+        let stop = stop.clone();
+        std::thread::spawn(move || {
+            while signals.read_exact(&mut [0]).is_ok() {
+                stop(128 + signal as u8);
+            }
+        });
+    }
     Ok(())
 }
 
