@@ -191,7 +191,7 @@ fn behind_links(path: &Path) -> PathBuf {
 fn keep_permissions(partial: &File, replaced: &Path) {
     use std::os::unix::fs::{MetadataExt as _, fchown};
     let (Ok(before), Ok(own)) = (std::fs::metadata(replaced), partial.metadata()) else { return };
-    // To another group its permissions would be of no use, and what they leave to all may be less.
+    // Where the group cannot be kept, its permissions would let in another group and shut out the one before.
     let is_of_group = before.gid() == own.gid() || fchown(partial, None, Some(before.gid())).is_ok();
     if is_of_group {
         // Not all disks have permissions.

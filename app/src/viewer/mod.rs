@@ -250,8 +250,8 @@ struct Viewer {
 /// The window is painted at most this often while chunks are loaded.
 const LOADING_PAINT_INTERVAL: Duration = Duration::from_millis(50);
 /// After a paint that changed nothing, moves of the mouse, animations and what they have changed cause the next one no
-/// sooner than this: no screen holds back such paints. While a frame is drawn they can wait longer, where the processors
-/// draw it after every paint: the frame is painted as soon as it comes.
+/// sooner than this: no screen holds back such paints. While a frame is drawn they can wait longer. Where the processors
+/// draw it, they wait after every paint, because the window is painted as soon as the frame comes.
 const IDLE_PAINT_INTERVALS: [Duration; 2] = [Duration::from_millis(12), Duration::from_millis(30)];
 /// A dialog that ends sooner than this was never shown: the system has no service that shows dialogs.
 const QUICKEST_HAND: Duration = Duration::from_millis(400);

@@ -24,7 +24,7 @@ pub struct MovingPictures {
     light: Option<(LightInputs, Arc<KnownLight>)>,
     mirrors: Option<Reflections>,
     reflected: ReflectedPace,
-    path: Path,
+    trail: Trail,
     /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, its camera,
     /// and its reflections in one another.
     stand: Option<(Vec<Mirror>, Camera, u32)>,
@@ -108,9 +108,9 @@ impl ReflectedPace {
 
 /// The way of the camera through the last moving pictures.
 #[derive(Default)]
-struct Path(VecDeque<(Instant, Camera)>);
+struct Trail(VecDeque<(Instant, Camera)>);
 
-impl Path {
+impl Trail {
     /// How long a part of the way says how the camera moves.
     const KNOWN: Duration = Duration::from_millis(150);
     /// Pictures that are further apart are of two movements.
@@ -152,8 +152,8 @@ impl Path {
     }
 }
 
-/// Whether a camera comes from one place to another by moving on: not by more than half of the way to what it looks at, and
-/// without looking aside.
+/// Whether a camera may have moved from one view to the other: the eye by no more than half of its distance from what it
+/// looks at, and the line of sight by less than 45 degrees.
 fn is_near(from: &Camera, to: &Camera) -> bool {
     from.eye.distance(to.eye) <= 0.5 * from.distance() && from.forward().dot(to.forward()) > 0.7
 }
@@ -270,7 +270,7 @@ impl MovingPictures {
             // It is shown from when it is done until the next one is. It shows what mirrors show in the middle of that time.
             let known = self.mirrors.as_ref().filter(|known| !known.is_rest);
             let until = known.map_or(MIRRORS_STAY[0] / 2, |known| known.lasted + known.stays() / 2);
-            coarse.camera = self.path.ahead(request.camera, Instant::now(), until);
+            coarse.camera = self.trail.ahead(request.camera, Instant::now(), until);
         }
         // What mirrors show of one another is missed more than finer pixels.
         if let Some((.., bounces)) = self.stand.as_ref().filter(|_| !stands) {
@@ -300,7 +300,7 @@ impl MovingPictures {
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
         }
-        self.path.go_to(request.camera, Instant::now());
+        self.trail.go_to(request.camera, Instant::now());
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor };
         let known = Known { light, mirrors: shown };
@@ -378,16 +378,16 @@ impl MovingPictures {
 mod tests {
     use super::*;
 
-    /// The path of a camera that moves evenly, at 20 pictures a second, from a start; and when its last picture was.
-    fn path_of(start: Camera, pictures: u32, step: impl Fn(&mut Camera)) -> (Path, Camera, Instant) {
-        let (mut path, mut camera, mut now) = (Path::default(), start, Instant::now());
-        path.go_to(camera, now);
+    /// The trail of a camera that moves evenly, at 20 pictures a second, from a start; and when its last picture was.
+    fn trail_of(start: Camera, pictures: u32, step: impl Fn(&mut Camera)) -> (Trail, Camera, Instant) {
+        let (mut trail, mut camera, mut now) = (Trail::default(), start, Instant::now());
+        trail.go_to(camera, now);
         for _ in 0..pictures {
             step(&mut camera);
             now += Duration::from_millis(50);
-            path.go_to(camera, now);
+            trail.go_to(camera, now);
         }
-        (path, camera, now)
+        (trail, camera, now)
     }
 
     #[test]
@@ -402,13 +402,13 @@ mod tests {
             &|_| {},
         ];
         for (number, step) in movements.into_iter().enumerate() {
-            let (path, camera, now) = path_of(start, 8, step);
-            let there = path.ahead(camera, now, Duration::from_millis(300));
+            let (trail, camera, now) = trail_of(start, 8, step);
+            let there = trail.ahead(camera, now, Duration::from_millis(300));
             let mut expected = camera;
             (0..6).for_each(|_| step(&mut expected));
             let apart = [there.eye - expected.eye, there.forward() - expected.forward()].map(DVec3::length);
             assert!(apart[0].max(apart[1]) < 1e-9, "movement {number}: {apart:?}");
-            assert_eq!(path.ahead(camera, now, Duration::ZERO), camera);
+            assert_eq!(trail.ahead(camera, now, Duration::ZERO), camera);
         }
     }
 
@@ -417,37 +417,37 @@ mod tests {
         let start = Camera::from_eye(DVec3::new(0.0, -8.0, 0.0), DVec3::ZERO, DVec3::Z);
         // Nobody flies through what they look at, and walls are not far behind anybody.
         for step in [DVec3::Z, -DVec3::Z, DVec3::X] {
-            let (path, camera, now) = path_of(start, 3, |camera| camera.fly(step));
-            let there = path.ahead(camera, now, Duration::from_secs(9));
+            let (trail, camera, now) = trail_of(start, 3, |camera| camera.fly(step));
+            let there = trail.ahead(camera, now, Duration::from_secs(9));
             let way = camera.eye.distance(there.eye);
             assert!((0.1..=0.5).contains(&(way / camera.distance())), "{way} of {}", camera.distance());
         }
         // A view of a bookmark is not on the way to another.
-        let (mut path, _, now) = path_of(start, 3, |camera| camera.orbit(0.01, 0.0));
+        let (mut trail, _, now) = trail_of(start, 3, |camera| camera.orbit(0.01, 0.0));
         let elsewhere = Camera::from_eye(DVec3::new(30.0, 0.0, 2.0), DVec3::ZERO, DVec3::Z);
-        path.go_to(elsewhere, now + Duration::from_millis(50));
-        assert_eq!(path.ahead(elsewhere, now + Duration::from_millis(50), Path::AHEAD), elsewhere);
+        trail.go_to(elsewhere, now + Duration::from_millis(50));
+        assert_eq!(trail.ahead(elsewhere, now + Duration::from_millis(50), Trail::AHEAD), elsewhere);
         // A hand turns around before long.
-        let (path, camera, now) = path_of(start, 3, |camera| camera.orbit(0.01, 0.0));
-        assert_eq!(path.ahead(camera, now, Duration::from_secs(9)), path.ahead(camera, now, Path::AHEAD));
+        let (trail, camera, now) = trail_of(start, 3, |camera| camera.orbit(0.01, 0.0));
+        assert_eq!(trail.ahead(camera, now, Duration::from_secs(9)), trail.ahead(camera, now, Trail::AHEAD));
     }
 
     #[test]
     fn after_a_rest_another_movement_begins() {
         let start = Camera::from_eye(DVec3::new(4.0, -3.0, 2.0), DVec3::ZERO, DVec3::Z);
-        let (mut path, mut camera, now) = path_of(start, 5, |camera| camera.orbit(0.06, 0.0));
-        assert_ne!(path.ahead(camera, now, Path::AHEAD), camera);
-        assert_eq!(path.ahead(camera, now + Duration::from_secs(1), Path::AHEAD), camera);
-        path.go_to(camera, now + Duration::from_secs(1));
-        assert_eq!(path.ahead(camera, now, Path::AHEAD), camera);
+        let (mut trail, mut camera, now) = trail_of(start, 5, |camera| camera.orbit(0.06, 0.0));
+        assert_ne!(trail.ahead(camera, now, Trail::AHEAD), camera);
+        assert_eq!(trail.ahead(camera, now + Duration::from_secs(1), Trail::AHEAD), camera);
+        trail.go_to(camera, now + Duration::from_secs(1));
+        assert_eq!(trail.ahead(camera, now, Trail::AHEAD), camera);
         // The way before a turn is forgotten soon.
         for picture in 1..=4 {
             camera.orbit(-0.02, 0.0);
-            path.go_to(camera, now + Duration::from_secs(1) + picture * Duration::from_millis(60));
+            trail.go_to(camera, now + Duration::from_secs(1) + picture * Duration::from_millis(60));
         }
         let mut expected = camera;
         (0..6).for_each(|_| expected.orbit(-0.02, 0.0));
-        let apart = path.ahead(camera, now, Duration::from_millis(360)).eye.distance(expected.eye);
+        let apart = trail.ahead(camera, now, Duration::from_millis(360)).eye.distance(expected.eye);
         assert!(apart < 1e-9, "{apart}");
     }
 
@@ -458,7 +458,7 @@ mod tests {
         let (mut request, now) = (still.clone(), Instant::now());
         for picture in 0..4 {
             request.camera.orbit(0.05, 0.0);
-            moving.path.go_to(request.camera, now + picture * Duration::from_millis(50));
+            moving.trail.go_to(request.camera, now + picture * Duration::from_millis(50));
         }
         let turned = |camera: &Camera| camera.eye.distance(still.camera.eye);
         assert!(turned(&moving.coarse(&request).camera) > turned(&request.camera) + 0.01);
