@@ -118,10 +118,15 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     actions.extend((size != session.scene.view_size).then_some(Action::Resize(size)));
     // Tab leads through the widgets, and the picture is none: its keys are those of the whole window.
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::CLICK | Sense::DRAG);
-    let [red, green, blue, _] = session.scene.settings.view.background.bytes();
-    ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
-    if let (Some(picture), Some(shown)) = (picture, &session.frames.shown) {
-        ui.painter().add(picture.within(shaped(rect, size, shown.request.size)));
+    let shown = picture.zip(session.frames.shown.as_ref());
+    let shown = shown.map(|(picture, shown)| (picture, shaped(rect, size, shown.request.size)));
+    // On software Vulkan its pixels take longer than those of the picture over them.
+    if shown.is_none_or(|(_, place)| place != rect) {
+        let [red, green, blue, _] = session.scene.settings.view.background.bytes();
+        ui.painter().rect_filled(rect, 0.0, Color32::from_rgb(red, green, blue));
+    }
+    if let Some((picture, place)) = shown {
+        ui.painter().add(picture.within(place));
     } else {
         // Until there is a picture, the place of the picture says what it waits for.
         let is_empty = session.loaded.clouds.is_empty() && !session.loaded.is_loading();
