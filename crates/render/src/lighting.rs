@@ -103,7 +103,9 @@ impl Lights {
             self.shadows = storage(&recorder.gpu.device, "shadows", bytes);
             at_hand.clear();
         }
-        let wide = Settings { splat: splat_of_maps(settings), ..settings.clone() };
+        // Surfaces close to a lamp stay closed: only few splats are as wide as its map.
+        let splat = Splat { max_pixels: SHADOW_SIZE as f32, ..splat_of_maps(settings) };
+        let wide = Settings { splat, ..settings.clone() };
         let mut drawn = Vec::with_capacity(lights.len());
         for (index, light) in lights.iter().enumerate() {
             let before = at_hand.get(index);

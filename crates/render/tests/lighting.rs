@@ -391,6 +391,27 @@ fn the_lamp_of_five_mirrors_lights_its_walls_as_the_closed_form_does_within_a_hu
 }
 
 #[test]
+fn a_lamp_close_to_a_closed_surface_does_not_shine_through_it() {
+    let mut stage = stage_or_skip!();
+    let store = floor_with_blocker(&stage, 1.2);
+    let (camera, settings) = (slanted_camera(), settings(&[("gi.bounces", "0")]));
+    for (gap, is_dark) in [(0.05, true), (0.02, true), (-0.05, false)] {
+        let position = DVec3::new(0.003, 0.004, 0.5 + gap);
+        let lamp = SpotLight { position, target: DVec3::new(0.003, 0.004, 0.0), ..lamp() };
+        let objects = Objects { lights: &[lamp], ..Objects::default() };
+        stage.renderer.render(&store, &Frame::new(&camera, &settings, objects, SIZE)).unwrap();
+        let (direct, depth) = (read(&stage, Aov::Direct), stage.renderer.read_aov(Aov::Depth).unwrap().data);
+        let is_floor = |pixel: usize| {
+            let at = on_floor(&camera, pixel) - camera.eye;
+            (at.dot(camera.forward()) - f64::from(depth[pixel])).abs() < 0.01
+        };
+        let floor: Vec<usize> = (0..direct.len()).filter(|pixel| is_floor(*pixel)).collect();
+        let lit = floor.iter().filter(|pixel| direct[**pixel].max_element() > 0.0).count();
+        assert!(floor.len() > 1000 && (lit == 0) == is_dark, "{gap}: {lit} of {} pixels are lit", floor.len());
+    }
+}
+
+#[test]
 fn surfaces_that_turn_their_back_are_left_out_if_asked_for_and_the_inside_of_a_room_is_seen() {
     let mut stage = stage_or_skip!();
     let plane = |z: f64, edges: [DVec3; 2]| {

@@ -185,7 +185,7 @@ params! {
         size: f32 = 1.0, 0.05..=20.0, "x spacing";
         /// Smallest diameter of a splat on the screen.
         min_pixels: f32 = 1.0, 0.0..=64.0, "pixels";
-        /// Largest diameter of a splat on the screen: bounds the cost of points close to the eye while something moves, in mirrors and in shadow maps.
+        /// Largest diameter of a splat on the screen: bounds the cost of points close to the eye while something moves, in mirrors and in the maps of virtual lights.
         max_pixels: f32 = 64.0, 1.0..=512.0, "pixels";
         /// Largest diameter of a splat that the camera sees in pictures at rest, where it is above `max_pixels`, so that near surfaces stay closed.
         rest_pixels: f32 = 512.0, 1.0..=4096.0, "pixels" => affects(surface);
