@@ -200,6 +200,7 @@ pub fn open(file: &Arc<Bytes>) -> Result<RowSource> {
         }
     })?;
     let rows = maker.rows(file).map_err(io_error)?;
+    info.warnings.clone_from(&maker.warnings);
     let header = &maker.header;
     if rows.count < header.points {
         info.missing = header.points - rows.count;
@@ -236,6 +237,8 @@ struct Maker {
     origins: Vec<Origin>,
     /// Compressed points, decompressed: all values of the first number, of the second, and so on.
     columns: Option<Bytes>,
+    /// What is to be said of fields of the same name.
+    warnings: Vec<String>,
 }
 
 impl Maker {
@@ -260,12 +263,13 @@ impl Maker {
                 _ => add(&number.name, number.column_type, Origin::Number(index)),
             }
         }
-        let element = Element { name: "points".into(), count: header.points, properties };
+        let mut element = Element { name: "points".into(), count: header.points, properties };
+        let warnings = element.tell_apart("field");
         let columns = match header.data {
             Data::Compressed if header.points > 0 => Some(decompressed(&header, file)?),
             _ => None,
         };
-        Ok(Self { header, element, origins, columns })
+        Ok(Self { header, element, origins, columns, warnings })
     }
 
     fn rows(&self, file: &Bytes) -> io::Result<Rows> {

@@ -87,7 +87,7 @@ impl RowSource {
 
         let header_error = |problem: String| Error::malformed(path, "header", problem);
         let vertex = header.points_element().ok_or_else(|| header_error("no element vertex".into()))?;
-        let mut warnings = param::few(header.elements[vertex].tell_apart(), "properties of a name that is there twice");
+        let mut warnings = header.elements[vertex].tell_apart("property");
         let further = header.further_vertices(vertex);
         if further > 0 {
             let several = "the header has several elements vertex";

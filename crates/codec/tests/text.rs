@@ -312,6 +312,34 @@ fn the_three_kinds_of_pcd_are_read_alike() {
 }
 
 #[test]
+fn further_columns_and_fields_of_a_name_are_read_under_names_of_their_own() {
+    let source = open("x,y,z,a,a,r,g,b,a_2,red\n1,2,3,4,5,6,7,8,9,10\n").unwrap().remove(0);
+    assert_eq!(names(&source), "x y z a a_3 red green blue a_2 red_2");
+    assert_eq!(["a", "a_3", "a_2", "red_2"].map(|name| values(&source, name)[0]), [4.0, 5.0, 9.0, 10.0]);
+    assert_eq!(colors(&source), [[6, 7, 8]]);
+    let told = ["a further column a is called a_3 here", "a further column red is called red_2 here"];
+    assert_eq!(source.info().warnings, told);
+    // Columns that are left out need no names.
+    let source = open("skip,x,y,z,skip\n0,1,2,3,0\n").unwrap().remove(0);
+    assert!(names(&source) == "x y z" && source.info().warnings.is_empty());
+
+    let fields = "FIELDS x y z a a X\nSIZE 4 4 4 1 1 4\nTYPE F F F U U F\nCOUNT 1 1 1 1 1 1\n";
+    let head = format!("VERSION 0.7\n{fields}WIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA");
+    let mut binary = format!("{head} binary\n").into_bytes();
+    [1.0_f32, 2.0, 3.0].iter().for_each(|value| binary.extend(value.to_le_bytes()));
+    binary.extend([4, 5]);
+    binary.extend(6.0_f32.to_le_bytes());
+    for bytes in [format!("{head} ascii\n1 2 3 4 5 6\n").into_bytes(), binary] {
+        let source = open(bytes).unwrap().remove(0);
+        assert_eq!(names(&source), "x y z a a_2 x_2");
+        assert_eq!((places(&source), values(&source, "a")), (vec![DVec3::new(1.0, 2.0, 3.0)], vec![4.0]));
+        assert_eq!((values(&source, "a_2"), values(&source, "x_2")), (vec![5.0], vec![6.0]));
+        let told = ["a further field a is called a_2 here", "a further field x is called x_2 here"];
+        assert_eq!(source.info().warnings, told);
+    }
+}
+
+#[test]
 fn hostile_texts_end_in_an_error_that_says_what_is_wrong() {
     let grid = "1 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
     let ptx = |size: &str| format!("{size}\n{grid}1 1 1\n");

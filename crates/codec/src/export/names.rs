@@ -1,6 +1,8 @@
-//! Names of fields in a file that is written: each once, and within the length that the format gives them.
+//! Names of fields, each once: in a file that is written also within the length that the format gives them.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+
+use crate::brief::brief;
 
 /// The names that are taken.
 #[derive(Default)]
@@ -39,6 +41,27 @@ impl Names {
         self.taken.extend(keys.into_iter().zip([number, 2]));
         free
     }
+}
+
+/// Gives each of some names of a file that is there before a name that no other has. `what` says what has the names.
+/// Returns what is to be said of that.
+pub fn tell_apart<'a>(names: impl Iterator<Item = &'a mut String>, what: &str) -> Vec<String> {
+    let (mut taken, mut known) = (Names::with_case(), HashSet::new());
+    let mut further: Vec<&mut String> = names.collect();
+    further.retain(|name| {
+        let is_first = known.insert((*name).clone());
+        if is_first {
+            taken.take(name, usize::MAX);
+        }
+        !is_first
+    });
+    let renamed = further.into_iter().map(|name| {
+        let free = taken.take(name, usize::MAX);
+        let told = format!("a further {what} {} is called {} here", brief(name), brief(&free));
+        *name = free;
+        told
+    });
+    param::few(renamed.collect(), "names that are there twice")
 }
 
 /// The start of a text, whole characters of no more than `most` bytes.

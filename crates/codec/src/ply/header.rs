@@ -1,11 +1,9 @@
 //! Parses the header of a PLY file: its elements and their properties (G. Turk, "The PLY Polygon File Format", 1994).
 
-use std::collections::HashSet;
-
 use cloud::ColumnType;
 
 use crate::brief::brief;
-use crate::export::names::Names;
+use crate::export::names::tell_apart;
 
 /// The longest header that is read. Scanners write kilobytes of comments, nobody a megabyte; a file without
 /// `end_header` is refused after this much instead of being searched to its end.
@@ -84,25 +82,11 @@ impl Element {
             .sum()
     }
 
-    /// Gives each scalar that has the name of an earlier one a name that no other has. Returns what is to be said of that.
-    pub fn tell_apart(&mut self) -> Vec<String> {
-        let (mut names, mut known) = (Names::with_case(), HashSet::new());
+    /// Gives each scalar that has the name of an earlier one a name that no other has. `what` says what has the names.
+    /// Returns what is to be said of that.
+    pub fn tell_apart(&mut self, what: &str) -> Vec<String> {
         let scalars = self.properties.iter_mut().filter(|property| matches!(property.kind, Kind::Scalar(_)));
-        let mut further: Vec<&mut Property> = scalars.collect();
-        further.retain(|property| {
-            let is_first = known.insert(property.name.clone());
-            if is_first {
-                names.take(&property.name, usize::MAX);
-            }
-            !is_first
-        });
-        let renamed = further.into_iter().map(|property| {
-            let free = names.take(&property.name, usize::MAX);
-            let told = format!("a further property {} is called {} here", brief(&property.name), brief(&free));
-            property.name = free;
-            told
-        });
-        renamed.collect()
+        tell_apart(scalars.map(|property| &mut property.name), what)
     }
 
     fn has_scalar(&self, name: &str) -> bool {

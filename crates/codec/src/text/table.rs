@@ -8,6 +8,7 @@ use std::sync::{PoisonError, RwLock};
 use cloud::ColumnType;
 
 use crate::brief::brief;
+use crate::export::names::tell_apart;
 use crate::ply::number;
 use crate::ply::reader::is_comment;
 
@@ -228,10 +229,13 @@ impl Table {
     /// numbers; the error says, in words, why the columns are not known.
     pub fn of(start: &[u8], newline: u8, named: Option<Vec<String>>) -> Option<Result<Self, String>> {
         let head = Head::of(start, newline, named.is_some())?;
-        let (names, doubt) = match (named, head.names) {
-            (Some(named), _) => (named, None),
-            (None, Names::Line(names)) => match check_names(&names) {
-                Ok(()) => (names, None),
+        let (names, mut warnings) = match (named, head.names) {
+            (Some(named), _) => (named, Vec::new()),
+            (None, Names::Line(mut names)) => match check_names(&names) {
+                Ok(()) => {
+                    let told = tell_apart(names.iter_mut().filter(|name| *name != SKIP), "column");
+                    (names, told)
+                }
                 Err(problem) => return Some(Err(format!("{problem}; --columns names them"))),
             },
             (None, Names::Nothing(Some(problem))) => return Some(Err(format!("{problem}; --columns names them"))),
@@ -239,13 +243,12 @@ impl Table {
                 let Guess { names, is_sure, .. } = guessed(&head.samples);
                 let taken = names.join(",");
                 let warning = format!("its columns are not named and are taken for {taken}; --columns names others");
-                (names, (!is_sure).then_some(warning))
+                (names, if is_sure { Vec::new() } else { vec![warning] })
             }
         };
         // The channels of a colour have one type.
         let mut channels = std::iter::zip(&names, &head.samples).filter(|(name, _)| is_color(name));
         let are_whole = channels.all(|(_, values)| values.iter().all(|value| is_word(*value)));
-        let mut warnings: Vec<String> = doubt.into_iter().collect();
         let column = |(name, values): (&String, &Vec<f64>)| {
             let own = column_type(name, values, are_whole);
             // A whole number has no value that stands for a missing one.
