@@ -323,7 +323,7 @@ impl Compressed {
         // `laz` allocates according to the layer sizes, so they must fit the chunk.
         if self.layers.is_some() {
             let Some(found) = self.layered_chunk(file, chunk.offset, end) else {
-                // Of a file that somebody has written to since nothing can be read.
+                // A file that has been written to since it was opened is not read any further; that is then the reason.
                 file.check_same().map_err(|error| error.to_string())?;
                 return Err("the chunk's layers are longer than the chunk, or the file is cut short".into());
             };
