@@ -393,13 +393,14 @@ pub fn class_name(class: u8) -> &'static str {
 /// The sRGB colour of a class: the customary one for an ASPRS class, a hue spread by the golden ratio for others.
 pub fn class_color(class: u8) -> [u8; 4] {
     let [red, green, blue] = match class {
-        0 | 1 => [170, 170, 170],
+        0 => [210, 205, 190],
+        1 => [170, 170, 170],
         2 => [161, 122, 75],
         3 => [140, 200, 90],
         4 => [80, 165, 60],
         5 => [30, 115, 40],
         6 => [226, 98, 72],
-        7 | 18 => [255, 60, 200],
+        7 => [255, 60, 200],
         8 => [240, 220, 80],
         9 => [60, 130, 220],
         10 => [120, 90, 140],
@@ -410,6 +411,7 @@ pub fn class_color(class: u8) -> [u8; 4] {
         15 => [190, 160, 220],
         16 => [220, 130, 240],
         17 => [120, 190, 200],
+        18 => [200, 20, 120],
         21 => [225, 240, 255],
         _ => {
             let hue = (f32::from(class) * 0.618_034).fract() * 6.0;
@@ -453,6 +455,18 @@ mod tests {
         assert_eq!(plan.source, ColorSource::Height);
         let mesh = Cloud { grid: None, ..cloud((0..1000).collect()) };
         assert_eq!(ColorPlan::new(&mesh, &color, DVec3::Z).0.source, ColorSource::Plain);
+    }
+
+    #[test]
+    fn named_classes_have_colours_that_differ() {
+        let named: Vec<u8> = (0..=255).filter(|class| !class_name(*class).is_empty()).collect();
+        for (index, class) in named.iter().enumerate() {
+            for other in &named[..index] {
+                let channels = std::iter::zip(class_color(*class), class_color(*other));
+                let apart: i32 = channels.map(|(a, b)| (i32::from(a) - i32::from(b)).pow(2)).sum();
+                assert!(apart >= 20 * 20, "{other} and {class}: {}", f64::from(apart).sqrt());
+            }
+        }
     }
 
     #[test]
