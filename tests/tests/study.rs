@@ -185,14 +185,22 @@ fn plans_that_are_wrong_are_refused_before_anything_is_written() {
 #[test]
 fn a_scene_that_cannot_be_read_is_a_row_and_the_others_go_on() {
     let plan = "title = \"a\"\nsize = \"64x48\"\nrepeats = 1\nflicker = true\n[set]\n\"gi.bounces\" = 0\n\"scene.points\" = 5000\n\
-                [[group]]\nscenes = [\"broken.laz\", \"five-mirrors/sphere\"]\nmethods = [\"surfel_trace\"]";
+                [[group]]\nscenes = [\"broken.laz\", \"cut.ply\", \"five-mirrors/sphere\"]\nmethods = [\"surfel_trace\"]";
     let folder = with_plan(plan);
     std::fs::write(folder.path("broken.laz"), "no points").expect("a broken file");
+    let points: String = (0..200).map(|at| format!("{} {} 0\n", at % 20, at / 20)).collect();
+    let header = "ply\nformat ascii 1.0\nelement vertex 229\nproperty float x\nproperty float y\nproperty float z\n";
+    folder.write("cut.ply", format!("{header}end_header\n{points}"));
     let Some(outcome) = study(&folder, &["plan.toml", "-o", "out"]) else { return };
-    assert!(outcome.status == Some(1) && outcome.messages.contains("settings that failed: 1"), "{outcome}");
+    assert!(outcome.status == Some(1) && outcome.messages.contains("settings that failed: 2"), "{outcome}");
     let rows = rows(&folder, "out");
     assert!(rows[0]["error"].as_str().is_some_and(|error| error.contains("broken.laz")), "{rows:#?}");
-    let whole = &rows[1];
+    // Nor is one measured of which only a part can be read.
+    assert!(
+        rows[1]["error"].as_str().is_some_and(|error| error.contains("cut.ply: 29 points cannot be read")),
+        "{rows:#?}"
+    );
+    let whole = &rows[2];
     assert_eq!((&whole["error"], &whole["repeats"]), (&Value::Null, &1.into()));
     // Nothing random is in this method, and a reflection moves with the camera.
     let flicker = ["flicker_still", "flicker_moving"].map(|name| whole[name].as_f64().unwrap_or(f64::NAN));

@@ -80,7 +80,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     terminal::warn(&request.warnings);
 
     let camera = |outline: &[glam::DVec3], up, room| viewpoint.camera(outline, up, room, &settings, arguments.size);
-    let LoadedSubject { mut subject, status, stream, sources, facts, errors } =
+    let LoadedSubject { mut subject, status, stream, sources, facts, errors, .. } =
         match subject::open(&gpu, request, &settings, arguments.size, error.is_some(), camera)? {
             Ok(opened) => opened,
             // The reasons have been reported already.

@@ -17,6 +17,7 @@ use study::{Folder, HoldOut, Plan, Ruler, SceneFiles, Scenes, Shard, Subject, st
 use crate::commands::subject::{self, LoadedSubject};
 use crate::commands::{made_scan, recording, scans, truth};
 use crate::shared::command_line::{MergeArguments, StudyArguments, StudyCommand, quoted};
+use crate::shared::numbers::grouped;
 use crate::system::failure::usage;
 use crate::system::interrupt;
 use crate::system::progress_bar::Bar;
@@ -218,7 +219,8 @@ impl Scenes for Inputs {
         let camera = |outline: &[glam::DVec3], up, _| own.unwrap_or_else(|| framing(outline, up));
         let opened = subject::open(gpu, request, settings, STREAMED_FOR, false, camera)?;
         match opened {
-            Ok(LoadedSubject { mut subject, status: 0, sources, .. }) => {
+            Ok(LoadedSubject { mut subject, status: 0, unread, sources, .. }) => {
+                check_whole(scene, unread)?;
                 if let Err(error) = truth::find_surfaces(&mut subject, &sources) {
                     warn([format!("{scene}: no exact truth: {error:#}")]);
                 }
@@ -236,13 +238,20 @@ impl Scenes for Inputs {
         let mut scans: Vec<_> = request.inputs.iter().flat_map(read).collect();
         match (scans.pop(), scans.is_empty()) {
             (Some((_, scan)), true) => {
-                let ((scan, _), progress) = (scan?, Progress::default());
+                let ((scan, unread), progress) = (scan?, Progress::default());
+                check_whole(scene, unread)?;
                 let options = |chunks: &[cloud::Chunk]| world::options_for(chunks, scan.up, scan.scanner(), settings);
                 Ruler::new(&scan, HoldOut::default(), &[], options, settings, gpu, &progress)
             }
             _ => Err(anyhow!("{scene}: sightlines judge the surface of one cloud, not of several")),
         }
     }
+}
+
+/// Fails where points of a scene cannot be read: figures of the others would be those of another scene.
+fn check_whole(scene: &str, unread: u64) -> anyhow::Result<()> {
+    let points = grouped(unread);
+    if unread == 0 { Ok(()) } else { Err(anyhow!("{scene}: {points} points cannot be read, so nothing is measured")) }
 }
 
 #[cfg(test)]

@@ -40,6 +40,8 @@ pub struct LoadedSubject {
     pub subject: Subject,
     /// The exit status so far: not 0 if inputs failed, which have been reported.
     pub status: u8,
+    /// The number of points that the files announce and that cannot be read, as far as that is known.
+    pub unread: u64,
     /// Set if clouds are streamed.
     pub stream: Option<StreamReport>,
     /// For each cloud its file, if all points of the file are in memory and shown.
@@ -147,6 +149,7 @@ pub fn open(
     }
     drop(job);
     let status = export::say_missing(loads.missing + loads.missing_of_view, loads.status());
+    let unread = loads.unread.max(loads.missing_of_view);
     let Loads { mut clouds, mirrors: mut placed, stream, .. } = loads;
     let is_of_cloud = |own: &&CloudSettings| clouds.iter().any(|cloud| own.is_of(&cloud.input, &cloud.cloud.name));
     let strange = request.cloud_settings.iter().filter(|own| !is_of_cloud(own)).map(world::no_cloud);
@@ -220,7 +223,8 @@ pub fn open(
     // If some points of a mesh are hidden, its triangles are not what is drawn.
     let is_whole = |loaded: &Assembly| loaded.pages.is_none() && loaded.cloud.shown(&test).len() == loaded.cloud.len();
     let whole = |loaded: &Assembly| loaded.source.clone().filter(|_| is_whole(loaded));
-    Ok(Ok(LoadedSubject { subject, status, stream, sources: clouds.iter().map(whole).collect(), facts, errors }))
+    let sources = clouds.iter().map(whole).collect();
+    Ok(Ok(LoadedSubject { subject, status, unread, stream, sources, facts, errors }))
 }
 
 /// Where the points of a cloud lie that are shown.
@@ -330,6 +334,8 @@ struct Loads {
     missing: u64,
     /// The same of streamed clouds, of the nodes that the view needs.
     missing_of_view: u64,
+    /// The number of points that files announce and do not have, or that cannot be read.
+    unread: u64,
     /// What has failed and not come since, and whether the input is at fault. All is reported as it fails.
     failures: Vec<(String, bool)>,
     stream: Option<StreamReport>,
@@ -423,6 +429,7 @@ impl Loads {
         match event {
             Event::Opened { opened, .. } => {
                 warn(&opened.name, opened.warnings.clone());
+                self.unread = self.unread.saturating_add(codec::missing_points(&opened.source));
                 let key = CloudKey(self.clouds.len() as u32);
                 let mut loaded = Assembly::open(key, opened).0;
                 // No points are there yet; those that come are moved as they do.
@@ -440,6 +447,7 @@ impl Loads {
                 self.stream.get_or_insert_default().built_index |= self.clouds[cloud].was_built();
             }
             Event::Read { cloud, summary } => {
+                self.unread = self.unread.saturating_add(summary.missing);
                 let is_of_tiles = |source: &Arc<codec::Source>| source.info().format == codec::Format::Ept;
                 if self.clouds[cloud].source.as_ref().is_some_and(is_of_tiles) {
                     self.missing += summary.missing;
