@@ -195,7 +195,7 @@ pub fn open(
         let shown = upload(&mut resident, loaded, &reflecting, own, settings, &test)?;
         if let Some(part) = shown.first().filter(|_| settings.overlay.legend) {
             let classes = classes(&loaded.cloud.shown(&test));
-            facts.add_legend(&loaded.cloud.name, &part.plan, &loaded.units, classes);
+            facts.add_legend(&loaded.cloud.name, &loaded.input, &part.plan, &loaded.units, classes);
         }
         parts.extend(shown);
     }

@@ -1,9 +1,12 @@
 //! The colour legend: a ramp with its numbers, or the classes that occur, with the name of what is shown.
 
+use std::sync::Arc;
+
 use cloud::is_length;
 use codec::Units;
 use egui::epaint::Mesh;
-use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
+use egui::text::{LayoutJob, TextWrapping};
+use egui::{Align2, Color32, FontId, Galley, Painter, Pos2, Rect, Shape, Stroke, Vec2, pos2, vec2};
 use render::{ColorPlan, ColorSource, STRAY_KINDS, class_color, class_name, ramp_colors};
 use scene::Ramp;
 
@@ -17,8 +20,18 @@ const MOST_TICKS: usize = 6;
 const MOST_CLASSES: usize = 24;
 /// The most letters of a cloud's name in a title.
 const MOST_OF_NAME: usize = 40;
-/// The length of a ramp, in heights of the text.
+/// The length of a ramp, in heights of the text, and that of the shortest which still shows its colours in order.
 const RAMP_LENGTH: f32 = 12.0;
+const SHORTEST_RAMP: f32 = 2.0;
+/// The least width of a legend, in heights of the text: that of a ramp with a number of some digits.
+const SMALLEST_WIDTH: f32 = 5.0;
+/// The height of a line of text in heights of its letters, and that of the title in lines.
+const LINE: f32 = 1.45;
+const TITLE: f32 = 1.2;
+/// The height of the line that says how many legends are there, with what lies around it.
+const LINE_OF_COUNT: f32 = 2.1;
+/// The room to the right of a legend and below it, in heights of the text.
+const MARGIN: f32 = 0.6;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Legend {
@@ -51,69 +64,193 @@ impl Legend {
         }
     }
 
-    /// The title and the name of the first of some clouds.
-    pub fn title_with(&self, clouds: &[String]) -> String {
-        let name = clouds.first().map_or(String::new(), |name| param::shortened(name, MOST_OF_NAME));
-        match clouds.len() {
+    /// The title and the name of the first of `count` clouds.
+    pub fn title_with(&self, first: &str, count: usize) -> String {
+        let name = param::shortened(first, MOST_OF_NAME);
+        match count {
             0 | 1 => format!("{}, {name}", self.title),
             all => format!("{}, {name} {}", self.title, text!("and {count} more", count = all - 1)),
         }
     }
 
-    /// Draws it with its lower right corner at a place; returns its height with its margin.
-    pub fn paint(&self, painter: &Painter, corner: Pos2, size: f32) -> f32 {
-        let font = FontId::proportional(size);
-        let width = |text: &str| painter.layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size().x;
-        let line = size * 1.45;
-        let rows: Vec<(String, Color32)> = match &self.scale {
-            Scale::Ramp { .. } => Vec::new(),
-            Scale::Classes(classes) => class_rows(classes),
+    /// Lays it out for a height of the text, in a room without its margins: of a ramp a shorter bar, of classes fewer rows,
+    /// and the beginnings of texts where the room is smaller than the legend. `None` where even that would say nothing.
+    fn lay_out(&self, painter: &Painter, size: f32, room: Vec2) -> Option<LaidOut> {
+        let line = size * LINE;
+        let body = room.y - line * TITLE;
+        let written = |text: &str, width: f32| written(painter, text, size, width);
+        if room.x < SMALLEST_WIDTH * size {
+            return None;
+        }
+        let title = written(&self.title, room.x);
+        let texts = |rows: Vec<(String, Color32)>| -> Vec<_> {
+            rows.into_iter().map(|(text, color)| (written(&text, room.x - size * 2.0), color)).collect()
+        };
+        let (part, is_whole) = match &self.scale {
+            Scale::Ramp { ramp, low, high } => {
+                let length = RAMP_LENGTH.min(body / size - 1.0);
+                if length < SHORTEST_RAMP {
+                    return None;
+                }
+                let most = MOST_TICKS.min((length / LINE) as usize);
+                let (ticks, decimals) = steps::ticks(*low, *high, most);
+                let number = |value: f64| (value, written(&format!("{value:.decimals$}"), room.x - size * 2.0));
+                let numbers = ticks.into_iter().map(number).collect();
+                (Part::Ramp { ramp: *ramp, low: *low, high: *high, length, numbers }, length == RAMP_LENGTH)
+            }
+            Scale::Classes(classes) => {
+                let most = MOST_CLASSES.min((body / line + 1e-3) as usize);
+                if most < classes.len().min(2) {
+                    return None;
+                }
+                (Part::Rows(texts(class_rows(classes, most))), most >= classes.len().min(MOST_CLASSES))
+            }
+            Scale::Strays if body < line * STRAY_KINDS.len() as f32 => return None,
             Scale::Strays => {
-                STRAY_KINDS.map(|(name, [r, g, b, _])| (name.to_owned(), Color32::from_rgb(r, g, b))).into()
+                let kind = |(name, [r, g, b, _]): (&str, [u8; 4])| (name.to_owned(), Color32::from_rgb(r, g, b));
+                (Part::Rows(texts(STRAY_KINDS.map(kind).into())), true)
             }
         };
-        let (ticks, decimals) = match self.scale {
-            Scale::Ramp { low, high, .. } => steps::ticks(low, high, MOST_TICKS),
-            Scale::Classes(_) | Scale::Strays => (Vec::new(), 0),
+        let texts: Vec<&Arc<Galley>> = match &part {
+            Part::Ramp { numbers, .. } => numbers.iter().map(|(_, text)| text).collect(),
+            Part::Rows(rows) => rows.iter().map(|(text, _)| text).collect(),
         };
-        let numbers: Vec<String> = ticks.iter().map(|value| format!("{value:.decimals$}")).collect();
-        let texts = rows.iter().map(|(text, _)| text).chain(&numbers);
-        let widest = texts.map(|text| width(text)).fold(0.0, f32::max) + size * 2.0;
-        let body = if rows.is_empty() { RAMP_LENGTH * size + size } else { rows.len() as f32 * line };
-        let inner = vec2(widest.max(width(&self.title)), line * 1.2 + body);
-        let margin = size * 0.6;
-        let area = Rect::from_min_size(corner - inner - vec2(margin, margin), inner);
+        let widest = texts.iter().map(|text| text.size().x).fold(0.0, f32::max) + size * 2.0;
+        let body = match &part {
+            Part::Ramp { length, .. } => length * size + size,
+            Part::Rows(rows) => rows.len() as f32 * line,
+        };
+        let inner = vec2(widest.max(title.size().x), line * TITLE + body);
+        Some(LaidOut { title, part, inner, is_whole })
+    }
+}
+
+/// Where legends may stand: from the lower right corner of an area up, and then in further columns to the left.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    pub area: Rect,
+    /// Where the first column ends at the top, below other overlays.
+    pub top: f32,
+    /// Where further columns end at the left and at the bottom.
+    pub left: f32,
+    pub bottom: f32,
+}
+
+/// Draws legends where they have room. They are made smaller where that is too small for them, and those that do not fit are
+/// left out: a line says how many of `all` are there.
+pub fn paint_all(legends: &[Legend], all: usize, painter: &Painter, room: Room, size: f32) {
+    let mut placed = arrange(legends, painter, room, size);
+    if placed.len() < all {
+        let lower = size * LINE_OF_COUNT;
+        let area = Rect::from_min_max(room.area.min + vec2(0.0, lower), room.area.max);
+        placed = arrange(legends, painter, Room { area, top: room.top + lower, ..room }, size);
+        let told = match all {
+            1 => text!("no room for the legend").into(),
+            all => text!("{count} of {all} legends", count = placed.len(), all),
+        };
+        let told = written(painter, &told, size, room.area.width() - size * MARGIN);
+        let corner = pos2(room.area.right() - size * MARGIN - told.size().x, room.top);
+        ground::paint(painter, Rect::from_min_size(corner, told.size()), size);
+        painter.galley(corner, told, Color32::WHITE);
+    }
+    for (legend, place) in placed {
+        legend.paint(painter, place, size);
+    }
+}
+
+/// A line of text, of which a mark of omission ends the beginning where it is wider than `width`.
+fn written(painter: &Painter, text: &str, size: f32, width: f32) -> Arc<Galley> {
+    let mut job = LayoutJob::simple_singleline(text.to_owned(), FontId::proportional(size), Color32::WHITE);
+    job.wrap = TextWrapping::truncate_at_width(width);
+    painter.layout_job(job)
+}
+
+/// The legends that have room, with their places.
+fn arrange(legends: &[Legend], painter: &Painter, room: Room, size: f32) -> Vec<(LaidOut, Rect)> {
+    let Room { area, top, left, bottom } = room;
+    let mut placed: Vec<(LaidOut, Rect)> = Vec::new();
+    let margin = vec2(size, size) * MARGIN;
+    // Where the next one ends, and the upper left corner of its column.
+    let (mut corner, mut end) = (area.max, pos2(area.left(), top));
+    for legend in legends {
+        let lay_out = |corner: Pos2, end: Pos2| {
+            let laid = legend.lay_out(painter, size, corner - end - margin)?;
+            let place = Rect::from_min_size(corner - laid.inner - margin, laid.inner);
+            Some((laid, place))
+        };
+        let mut best = lay_out(corner, end);
+        if !best.as_ref().is_some_and(|(laid, _)| laid.is_whole) && !placed.is_empty() {
+            let edge = placed.iter().map(|(_, place)| place.left()).fold(area.right(), f32::min);
+            let (next, beside) = (pos2(edge - size, bottom), pos2(left, area.top()));
+            let height = |one: &(LaidOut, Rect)| one.1.height();
+            let found = lay_out(next, beside).filter(|one| best.as_ref().is_none_or(|best| height(one) > height(best)));
+            if found.is_some() {
+                (best, end) = (found, beside);
+            }
+        }
+        if let Some((laid, place)) = best {
+            corner = place.right_top() + vec2(size * MARGIN, -size);
+            placed.push((laid, place));
+        }
+    }
+    placed
+}
+
+/// A legend as it is drawn.
+struct LaidOut {
+    title: Arc<Galley>,
+    part: Part,
+    /// Its size without margins.
+    inner: Vec2,
+    is_whole: bool,
+}
+
+enum Part {
+    /// `length` is in heights of the text.
+    Ramp {
+        ramp: Ramp,
+        low: f64,
+        high: f64,
+        length: f32,
+        numbers: Vec<(f64, Arc<Galley>)>,
+    },
+    Rows(Vec<(Arc<Galley>, Color32)>),
+}
+
+impl LaidOut {
+    fn paint(self, painter: &Painter, area: Rect, size: f32) {
+        let line = size * LINE;
         ground::paint(painter, area, size);
-        painter.text(area.left_top(), Align2::LEFT_TOP, &self.title, font.clone(), Color32::WHITE);
-        let top = area.top() + line * 1.2;
-        for (index, (text, color)) in rows.iter().enumerate() {
-            let middle = top + (index as f32 + 0.5) * line;
-            let swatch = Rect::from_center_size(pos2(area.left() + size * 0.5, middle), vec2(size, size) * 0.9);
-            painter.rect_filled(swatch, size * 0.15, *color);
-            painter.text(
-                pos2(area.left() + size * 1.5, middle),
-                Align2::LEFT_CENTER,
-                text,
-                font.clone(),
-                Color32::WHITE,
-            );
-        }
-        if let Scale::Ramp { ramp, low, high } = self.scale {
-            let bar = Rect::from_min_max(
-                pos2(area.left(), top + size * 0.5),
-                pos2(area.left() + size, top + size * 0.5 + RAMP_LENGTH * size),
-            );
-            painter.add(Shape::mesh(ramp_mesh(bar, ramp)));
-            for (value, number) in ticks.iter().zip(numbers) {
-                let share = if high > low { ((value - low) / (high - low)) as f32 } else { 0.5 };
-                let y = bar.bottom() - share * bar.height();
-                let ends = [pos2(bar.right(), y), pos2(bar.right() + size * 0.35, y)];
-                painter.line_segment(ends, Stroke::new(size * 0.08, Color32::WHITE));
-                let at = pos2(bar.right() + size * 0.6, y);
-                painter.text(at, Align2::LEFT_CENTER, number, font.clone(), Color32::WHITE);
+        painter.galley(area.left_top(), self.title, Color32::WHITE);
+        let top = area.top() + line * TITLE;
+        let beside = |text: Arc<Galley>, at: Pos2| {
+            let place = Align2::LEFT_CENTER.anchor_size(at, text.size());
+            painter.galley(place.min, text, Color32::WHITE);
+        };
+        match self.part {
+            Part::Rows(rows) => {
+                for (index, (text, color)) in rows.into_iter().enumerate() {
+                    let middle = top + (index as f32 + 0.5) * line;
+                    let swatch = Rect::from_center_size(pos2(area.left() + size * 0.5, middle), vec2(size, size) * 0.9);
+                    painter.rect_filled(swatch, size * 0.15, color);
+                    beside(text, pos2(area.left() + size * 1.5, middle));
+                }
+            }
+            Part::Ramp { ramp, low, high, length, numbers } => {
+                let bar = Rect::from_min_max(
+                    pos2(area.left(), top + size * 0.5),
+                    pos2(area.left() + size, top + size * 0.5 + length * size),
+                );
+                painter.add(Shape::mesh(ramp_mesh(bar, ramp)));
+                for (value, number) in numbers {
+                    let share = if high > low { ((value - low) / (high - low)) as f32 } else { 0.5 };
+                    let y = bar.bottom() - share * bar.height();
+                    let ends = [pos2(bar.right(), y), pos2(bar.right() + size * 0.35, y)];
+                    painter.line_segment(ends, Stroke::new(size * 0.08, Color32::WHITE));
+                    beside(number, pos2(bar.right() + size * 0.6, y));
+                }
             }
         }
-        inner.y + size * 1.6
     }
 }
 
@@ -127,8 +264,9 @@ pub fn title(plan: &ColorPlan, units: &Units) -> String {
     unit.map_or(plan.label.clone(), |unit| format!("{} ({unit})", plan.label))
 }
 
-fn class_rows(classes: &[u8]) -> Vec<(String, Color32)> {
-    let shown = if classes.len() > MOST_CLASSES { MOST_CLASSES - 1 } else { classes.len() };
+/// The rows of classes, `most` at most.
+fn class_rows(classes: &[u8], most: usize) -> Vec<(String, Color32)> {
+    let shown = if classes.len() > most { most.saturating_sub(1) } else { classes.len() };
     let row = |class: &u8| {
         let [red, green, blue, _] = class_color(*class);
         (
@@ -173,6 +311,11 @@ mod tests {
         ColorPlan { source, label, ramp: Ramp::Viridis, plain: [1; 4], low, high, full_range: (low, high) }
     }
 
+    /// An area without other overlays.
+    fn room(area: Rect) -> Room {
+        Room { area, top: area.top(), left: area.left(), bottom: area.bottom() }
+    }
+
     #[test]
     fn legends_are_of_ramps_and_classes_and_of_nothing_else() {
         let feet = Units { level: Some(Unit::Metre), height: Some(Unit::Foot) };
@@ -190,14 +333,10 @@ mod tests {
         for source in [ColorSource::Rgb, ColorSource::RgbOr(Some(0)), ColorSource::Plain, ColorSource::Normal] {
             assert_eq!(of(source), None);
         }
-        let named = |clouds: &[&str]| {
-            let clouds: Vec<String> = clouds.iter().map(|name| (*name).to_owned()).collect();
-            of(ColorSource::Column(0)).unwrap().title_with(&clouds)
-        };
-        assert_eq!(named(&["a.laz"]), "height, a.laz");
-        assert_eq!(named(&["a.laz", "b.laz", "c.laz"]), "height, a.laz and 2 more");
+        let named = |count| of(ColorSource::Column(0)).unwrap().title_with("a.laz", count);
+        assert_eq!((named(1), named(3)), ("height, a.laz".into(), "height, a.laz and 2 more".into()));
         let all: Vec<u8> = (0..=255).collect();
-        let rows = class_rows(&all);
+        let rows = class_rows(&all, MOST_CLASSES);
         assert_eq!((rows.len(), rows[MOST_CLASSES - 1].0.as_str()), (MOST_CLASSES, "and 233 more"));
         assert_eq!(rows[2].0, "2  ground");
     }
@@ -208,7 +347,7 @@ mod tests {
         let size = [200_u32, 260];
         let mut rgba = vec![0; (size[0] * size[1] * 4) as usize];
         canvas::draw(&mut rgba, size, |painter, rect| {
-            legend.paint(painter, rect.max, 13.0);
+            paint_all(std::slice::from_ref(&legend), 1, painter, room(rect), 13.0);
         });
         let colors = ramp_colors(Ramp::Viridis);
         // The lower end, the upper end and all in between occur in a column of the picture, in order.
@@ -228,5 +367,63 @@ mod tests {
         };
         let (low, middle, high) = (place(colors[2]), place(colors[128]), place(colors[253]));
         assert!(((low + high) * 0.5 - middle).abs() < 3.0 && (low - high - 156.0).abs() < 6.0, "{low} {middle} {high}");
+    }
+
+    /// What of some legends is drawn in an area of this size: the places, and whether each is whole.
+    fn drawn(legends: &[Legend], [width, height]: [f32; 2]) -> Vec<(Rect, bool)> {
+        let found = std::cell::RefCell::new(Vec::new());
+        canvas::draw(&mut [], [0, 0], |painter, _| {
+            let area = Rect::from_min_size(pos2(10.0, 10.0), vec2(width, height));
+            let placed = arrange(legends, painter, room(area), 13.0);
+            found.replace(placed.into_iter().map(|(laid, place)| (place, laid.is_whole)).collect());
+        });
+        found.into_inner()
+    }
+
+    #[test]
+    fn legends_stand_in_columns_and_become_smaller_before_they_are_left_out() {
+        let ramp = Legend::of(&plan(ColorSource::Height), &Units::default(), std::iter::empty()).unwrap();
+        let classes = Legend::of(&plan(ColorSource::Class), &Units::default(), 0..=22).unwrap();
+        let all = [ramp.clone(), classes, ramp];
+        let mut most = 3;
+        for size in [
+            [1200.0, 900.0],
+            [640.0, 420.0],
+            [480.0, 300.0],
+            [300.0, 220.0],
+            [160.0, 120.0],
+            [90.0, 80.0],
+            [60.0, 40.0],
+        ] {
+            let placed = drawn(&all, size);
+            let area = Rect::from_min_size(pos2(10.0, 10.0), vec2(size[0], size[1]));
+            for (index, (place, _)) in placed.iter().enumerate() {
+                assert!(area.contains_rect(*place), "{size:?}: {place:?}");
+                let others = placed[..index].iter().map(|(other, _)| other);
+                assert!(others.into_iter().all(|other| !other.expand(5.0).intersects(place.expand(5.0))), "{size:?}");
+            }
+            assert!(placed.len() <= most, "{size:?}");
+            most = placed.len();
+        }
+        let whole = |size| drawn(&all, size).iter().filter(|(_, is_whole)| *is_whole).count();
+        assert_eq!((whole([1200.0, 900.0]), whole([640.0, 520.0]), drawn(&all, [640.0, 300.0]).len()), (3, 3, 3));
+        assert_eq!((drawn(&all[..1], [160.0, 120.0]).len(), drawn(&all, [60.0, 40.0]).len()), (1, 0));
+    }
+
+    #[test]
+    fn a_line_says_how_many_legends_are_there() {
+        let ramp = Legend::of(&plan(ColorSource::Height), &Units::default(), std::iter::empty()).unwrap();
+        let painted = |size: [u32; 2], all: usize| {
+            let mut rgba = vec![0; (size[0] * size[1] * 4) as usize];
+            canvas::draw(&mut rgba, size, |painter, rect| {
+                paint_all(&vec![ramp.clone(); all.min(3)], all, painter, room(rect.shrink(10.0)), 13.0);
+            });
+            // White letters in the highest lines.
+            let top = rgba.chunks_exact(4).take((size[0] * 28) as usize);
+            top.filter(|pixel| pixel[..3].iter().all(|byte| *byte > 200)).count()
+        };
+        let (one, four) = (painted([400, 300], 1), painted([400, 300], 4));
+        assert!(four > one + 20, "{four} of four, {one} of one");
+        assert!(painted([60, 40], 1) > 20, "that there is no room for it");
     }
 }

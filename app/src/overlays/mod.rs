@@ -12,6 +12,8 @@ pub mod lens;
 mod scale_bar;
 mod wipe;
 
+use std::path::{Component, Path};
+
 use codec::Units;
 use egui::{Painter, Pos2, Rect, pos2, vec2};
 use glam::DVec3;
@@ -22,13 +24,16 @@ use crate::overlays::lens::Lens;
 use crate::shared::language::text;
 use directions::{axes, north, north_arrow};
 use labels::Mark;
-use legend::Legend;
+use legend::{Legend, Room};
 use scale_bar::ScaleBar;
 
 /// The longest scale bar, as a share of the picture's width, and in heights of the text.
 const LONGEST_BAR: [f32; 2] = [0.3, 18.0];
 /// The length of the axes and half that of the arrow to the north, in heights of the text.
 const REACH: f32 = 2.6;
+/// The height of the corner that the arrow to the north takes, and the width of that of the axes, in lengths of the axes.
+const ARROW: f32 = 2.4;
+const AXES: f32 = 2.8;
 /// The most legends side by side: of clouds that are coloured in different ways.
 const MOST_LEGENDS: usize = 3;
 
@@ -38,11 +43,43 @@ pub struct Facts {
     /// The units of the first cloud, in which all others are taken to be.
     pub units: Units,
     pub up: DVec3,
-    /// Each with the names of the clouds whose colours it explains.
-    legends: Vec<(Legend, Vec<String>)>,
+    /// Each with the clouds whose colours it explains.
+    legends: Vec<(Legend, Vec<Named>)>,
     pub marks: Vec<Mark>,
     pub captions: Vec<Caption>,
     pub wipe: Option<WipeMarks>,
+}
+
+/// The name of a cloud, and the input that it comes from.
+#[derive(Clone, Debug, PartialEq)]
+struct Named {
+    name: String,
+    input: String,
+}
+
+impl Named {
+    /// The name, behind as many folders of the input as tell it from clouds of the same name.
+    fn apart_from<'a>(&self, others: impl Iterator<Item = &'a Self>) -> String {
+        let folders = |input: &str| -> Vec<String> {
+            let parts = Path::new(input).parent().into_iter().flat_map(Path::components);
+            let folders = parts.filter(|part| matches!(part, Component::Normal(_)));
+            let mut folders: Vec<String> =
+                folders.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect();
+            folders.reverse();
+            folders
+        };
+        let own = folders(&self.input);
+        let in_common = |other: &Self| {
+            let both = own.iter().zip(folders(&other.input));
+            both.take_while(|(own, other)| *own == other).count()
+        };
+        let namesakes = others.filter(|other| other.name == self.name && other.input != self.input);
+        let count = namesakes.map(|other| in_common(other) + 1).max().unwrap_or(0).min(own.len());
+        let mut parts: Vec<&str> = own[..count].iter().map(String::as_str).collect();
+        parts.reverse();
+        parts.push(&self.name);
+        parts.join("/")
+    }
 }
 
 impl Facts {
@@ -56,12 +93,21 @@ impl Facts {
         Self { captions, wipe, ..Self::new(self.units, self.up) }
     }
 
-    /// Adds the legend of the colours of a cloud, unless another cloud has the same. `classes` are those that are shown.
-    pub fn add_legend(&mut self, cloud: &str, plan: &ColorPlan, units: &Units, classes: impl Iterator<Item = u8>) {
+    /// Adds the legend of the colours of a cloud of an input, unless another cloud has the same. `classes` are those that
+    /// are shown.
+    pub fn add_legend(
+        &mut self,
+        cloud: &str,
+        input: &str,
+        plan: &ColorPlan,
+        units: &Units,
+        classes: impl Iterator<Item = u8>,
+    ) {
         let Some(legend) = Legend::of(plan, units, classes) else { return };
+        let cloud = Named { name: cloud.to_owned(), input: input.to_owned() };
         match self.legends.iter_mut().find(|(known, _)| *known == legend) {
-            Some((_, clouds)) => clouds.push(cloud.to_owned()),
-            None => self.legends.push((legend, vec![cloud.to_owned()])),
+            Some((_, clouds)) => clouds.push(cloud),
+            None => self.legends.push((legend, vec![cloud])),
         }
     }
 
@@ -69,7 +115,12 @@ impl Facts {
     fn shown_legends(&self) -> impl Iterator<Item = Legend> {
         self.legends.iter().take(MOST_LEGENDS).map(|(legend, clouds)| {
             let namesakes = self.legends.iter().filter(|(other, _)| other.title == legend.title);
-            let title = if namesakes.count() > 1 { legend.title_with(clouds) } else { legend.title.clone() };
+            let is_alone = namesakes.count() <= 1;
+            let all = self.legends.iter().flat_map(|(_, clouds)| clouds);
+            let title = match clouds.first().filter(|_| !is_alone) {
+                Some(first) => legend.title_with(&first.apart_from(all), clouds.len()),
+                None => legend.title.clone(),
+            };
             Legend { title, ..legend.clone() }
         })
     }
@@ -116,16 +167,19 @@ pub fn paint(painter: &Painter, rect: Rect, camera: &Camera, pixels: [u32; 2], s
         let reach = REACH * size;
         axes(painter, corner + vec2(reach * 1.3, -reach * 1.3), reach, &rows, size);
     }
+    let mut top = area.top();
     if let (true, Some(north)) = (overlay.north, north(&facts.units, facts.up)) {
         let reach = REACH * size * 0.7;
         north_arrow(painter, area.right_top() + vec2(-reach * 1.6, reach * 1.6), reach, &rows, north, size);
+        top += REACH * size * ARROW;
     }
     // Levels of pages have a legend of their own in the window's panel.
     if overlay.legend && !settings.stream.overlay {
-        let mut corner = area.right_bottom();
-        for legend in facts.shown_legends() {
-            corner.y -= legend.paint(painter, corner, size);
-        }
+        // Further columns stand above the scale bar and beside the axes.
+        let left = area.left() + if overlay.axes { REACH * size * AXES } else { 0.0 };
+        let legends: Vec<Legend> = facts.shown_legends().collect();
+        let room = Room { area, top, left, bottom: corner.y };
+        legend::paint_all(&legends, facts.legends.len(), painter, room, size);
     }
     let top = facts.wipe.as_ref().map_or(rect.top(), |marks| wipe::paint(painter, rect, marks));
     captions::paint(painter, rect, top, &facts.captions);
@@ -176,17 +230,23 @@ mod tests {
     fn legends_of_one_title_name_their_clouds() {
         let titles = |ranges: &[(&str, f64)]| {
             let mut facts = Facts::new(Units::default(), DVec3::Z);
-            for (cloud, high) in ranges {
+            for (input, high) in ranges {
+                let cloud = input.rsplit('/').next().unwrap();
                 let (source, label, ramp) = (ColorSource::Height, "height".into(), scene::Ramp::Viridis);
                 let (low, high, full_range) = (0.0, *high, (0.0, *high));
                 let plan = ColorPlan { source, label, ramp, plain: [1; 4], low, high, full_range };
-                facts.add_legend(cloud, &plan, &Units::default(), std::iter::empty());
+                facts.add_legend(cloud, input, &plan, &Units::default(), std::iter::empty());
             }
             facts.shown_legends().map(|legend| legend.title).collect::<Vec<_>>()
         };
         assert_eq!(titles(&[("a.laz", 5.0), ("b.laz", 5.0)]), ["height"]);
         let several = titles(&[("a.laz", 5.0), ("b.laz", 7.0), ("c.laz", 5.0)]);
         assert_eq!(several, ["height, a.laz and 1 more", "height, b.laz"]);
+        // Clouds of one name are told apart by their folders.
+        let namesakes = titles(&[("/scans/may/a.laz", 5.0), ("/scans/june/a.laz", 7.0), ("/scans/june/b.laz", 8.0)]);
+        assert_eq!(namesakes, ["height, may/a.laz", "height, june/a.laz", "height, b.laz"]);
+        let namesakes = titles(&[("may/1/a.laz", 5.0), ("june/1/a.laz", 7.0), ("a.laz", 8.0)]);
+        assert_eq!(namesakes, ["height, may/1/a.laz", "height, june/1/a.laz", "height, a.laz"]);
     }
 
     #[test]

@@ -18,7 +18,7 @@ pub fn facts(scene: &Scene, loaded: &Loaded, measurements: &Measurements) -> Fac
         if let Some(figures) = &entry.figures {
             let classes = figures.shown_classes.iter().map(|(class, _)| *class);
             let shown = classes.filter(|class| !hidden_classes.contains(class));
-            facts.add_legend(&entry.cloud.name, &figures.plan, &entry.units, shown);
+            facts.add_legend(&entry.cloud.name, &entry.input, &figures.plan, &entry.units, shown);
         }
     }
     for placed in scene.objects.measurements.iter().filter(|placed| placed.measurement.on) {
