@@ -79,9 +79,23 @@ pub fn number_field<N: Numeric>(value: &mut N) -> egui::DragValue<'_> {
     number_field_in_words(value, plain::<N>, typed_number)
 }
 
-/// A number in figures, without decimals where it is a whole one by its type.
+/// The most digits of a number of 32 and of 64 bits that is shown in full: such a one was typed or dragged, and a computed
+/// one mostly has more.
+const MOST_DIGITS: [usize; 2] = [7, 12];
+
+/// A number in figures, without decimals where it is a whole one by its type. All digits of one that was typed are shown,
+/// however many a field has else.
 fn plain<N: Numeric>(number: f64, decimals: RangeInclusive<usize>) -> String {
-    let decimals = if N::INTEGRAL { 0..=0 } else { decimals };
+    if N::INTEGRAL {
+        return format!("{number:.0}");
+    }
+    let is_single = size_of::<N>() == size_of::<f32>();
+    let exact = if is_single { (number as f32).to_string() } else { number.to_string() };
+    let digits = exact.trim_start_matches(['-', '0', '.']).bytes().filter(u8::is_ascii_digit).count();
+    let own = exact.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+    if own > *decimals.start() && digits <= MOST_DIGITS[usize::from(!is_single)] {
+        return exact;
+    }
     egui::emath::format_with_decimals_in_range(number, decimals)
 }
 
@@ -94,7 +108,8 @@ pub fn number_field_in_words<'a, N: Numeric>(
     egui::DragValue::new(value).format(kept_unless_typed::<N>(written, read))
 }
 
-/// A slider with such a field. A number that nobody edits keeps all its digits, and its place beyond the ends.
+/// A slider with such a field. A number that nobody edits keeps all its digits, and its place beyond the ends. Whoever sets
+/// the slider's decimals has it round what is typed, too.
 pub fn number_slider<N: Numeric>(value: &mut N, range: RangeInclusive<N>) -> egui::Slider<'_> {
     let format = kept_unless_typed::<N>(plain::<N>, typed_number);
     egui::Slider::new(value, range).format(format).clamping(egui::SliderClamping::Edits)
@@ -123,7 +138,7 @@ fn kept_unless_typed<'a, N: Numeric>(
 pub fn slider(ui: &mut Ui, name: &str, slider: egui::Slider<'_>) -> egui::Response {
     ui.horizontal(|ui| {
         let label = name_label(ui, name);
-        ui.add(slider.max_decimals(3)).labelled_by(label.id)
+        ui.add(slider).labelled_by(label.id)
     })
     .inner
 }
@@ -138,6 +153,9 @@ pub fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
     });
 }
 
+/// The longest text of a number of which three fit beside their name.
+const MOST_LETTERS: usize = 9;
+
 /// Draws a line of three numbers, below their name where they are as long as coordinates of a survey. Returns them if a
 /// person edited one and all are finite.
 pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) -> Option<DVec3> {
@@ -151,7 +169,8 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
             ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
         }
     };
-    if value.abs().max_element() < 1e5 {
+    let longest = value.to_array().map(|axis| plain::<f64>(axis, 0..=4).len()).into_iter().max().unwrap_or(0);
+    if longest <= MOST_LETTERS && value.abs().max_element() < 1e5 {
         ui.horizontal(|ui| {
             let label = name_label(ui, name);
             fields(ui, &label);
@@ -288,6 +307,38 @@ mod tests {
         harness.key_press(egui::Key::Enter);
         harness.run();
         assert_eq!(*harness.state(), (exact.0, exact.1, 2.000_001));
+    }
+
+    #[test]
+    fn what_is_typed_is_kept_and_shown_in_full() {
+        let mut harness = egui_kittest::Harness::builder().with_size([600.0, 160.0]).build_ui_state(
+            |ui, (share, small, place): &mut (f32, f32, f64)| {
+                slider(ui, "share", number_slider(share, 0.0..=1.0));
+                slider(ui, "small", number_slider(small, 0.0..=10.0).logarithmic(true));
+                let label = name_label(ui, "place");
+                ui.add(number_field(place).speed(0.05).max_decimals(4)).labelled_by(label.id);
+            },
+            (0.5, 1.0, 2.0),
+        );
+        harness.run();
+        let typed = ["0.123456", "0.0000125", "5413587.34125"];
+        for (at, text) in typed.iter().enumerate() {
+            harness.get_all_by_role(egui::Role::SpinButton).nth(at).unwrap().focus();
+            harness.run();
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.run();
+            harness.get_by(|node| node.is_focused()).type_text(text);
+            harness.run();
+            harness.key_press(egui::Key::Enter);
+            harness.run();
+        }
+        assert_eq!(*harness.state(), (0.123_456, 0.000_012_5, 5_413_587.341_25));
+        let shown = harness.get_all_by_role(egui::Role::SpinButton).filter_map(|field| field.value());
+        assert_eq!(shown.collect::<Vec<_>>(), typed);
+        // What is computed has no long tail.
+        assert_eq!(plain::<f64>(1.0 / 3.0, 2..=4), "0.3333");
+        assert_eq!(plain::<f32>(f64::from(1.0_f32 / 3.0), 1..=3), "0.333");
+        assert_eq!((plain::<f64>(2.0, 2..=4), plain::<f32>(f64::from(0.1_f32), 1..=3)), ("2.00".into(), "0.1".into()));
     }
 
     #[test]

@@ -213,7 +213,7 @@ pub fn refraction(ui: &mut Ui, refraction: &mut Option<f32>) {
         }
     });
     if let Some(index) = refraction {
-        slider(ui, text!("Refraction"), number_slider(index, REFRACTION).max_decimals(3))
+        slider(ui, text!("Refraction"), number_slider(index, REFRACTION))
             .on_hover_text(text!("Index of refraction: water 1.33, glass 1.5"));
     }
 }

@@ -178,9 +178,7 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             let slider = number_slider(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
             // A logarithmic slider that begins at 0 spans four decades, with 0 at its end.
             let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
-            let decimals = (4 - max.log10().floor() as i32).max(3) as usize;
-            let slider = slider.suffix(suffix(field.unit)).max_decimals(decimals);
-            ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
+            ui.add(slider.suffix(suffix(field.unit))).labelled_by(label).changed().then_some(Value::F32(number))
         }
         // A slider over all 32-bit numbers would be of no use, so these are dragged and typed.
         (Kind::U32 { min, max: u32::MAX, .. }, Value::U32(mut number)) => {
