@@ -186,17 +186,35 @@ fn behind_links(path: &Path) -> PathBuf {
     path
 }
 
+/// Makes an empty file for what is being written. Where it replaces another file, none but its owner can read it until
+/// `keep_permissions`: that file may be private.
+#[cfg(unix)]
+fn create(partial: &Path, replaced: &Path) -> std::io::Result<File> {
+    use std::os::unix::fs::OpenOptionsExt as _;
+    if !replaced.exists() {
+        return File::create(partial);
+    }
+    // One that a program of the same number has left behind may be readable.
+    let _ = std::fs::remove_file(partial);
+    File::options().write(true).create_new(true).mode(0o600).open(partial)
+}
+
+#[cfg(not(unix))]
+fn create(partial: &Path, _: &Path) -> std::io::Result<File> {
+    File::create(partial)
+}
+
 /// Gives a file that is being written the group and the permissions of the one that it replaces.
 #[cfg(unix)]
 fn keep_permissions(partial: &File, replaced: &Path) {
-    use std::os::unix::fs::{MetadataExt as _, fchown};
+    use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, fchown};
     let (Ok(before), Ok(own)) = (std::fs::metadata(replaced), partial.metadata()) else { return };
-    // Where the group cannot be kept, its permissions would let in another group and shut out the one before.
     let is_of_group = before.gid() == own.gid() || fchown(partial, None, Some(before.gid())).is_ok();
-    if is_of_group {
-        // Not all disks have permissions.
-        let _ = partial.set_permissions(before.permissions());
-    }
+    let mode = before.mode() & 0o7777;
+    // Where the group cannot be kept, the new one may do no more than all others.
+    let mode = if is_of_group { mode } else { mode & 0o7707 | (mode & 0o7) << 3 };
+    // Not all disks have permissions.
+    let _ = partial.set_permissions(std::fs::Permissions::from_mode(mode));
 }
 
 /// Elsewhere the only permission is that to write, and a file without it cannot be replaced.
@@ -212,7 +230,7 @@ fn partial(path: &Path) -> PathBuf {
     path.with_file_name(format!(".{}.{}-{count}.partial", codec::short_file_name(&name), std::process::id()))
 }
 
-/// Has a file written by `write`, which gets another name in the same folder. The file appears under its own name when it
+/// Has a file written by `write`, which gets the name of an empty file in the same folder. The file appears under its own name when it
 /// is whole.
 ///
 /// # Errors
@@ -221,13 +239,15 @@ pub fn write_by_name(path: &Path, write: impl FnOnce(&Path) -> anyhow::Result<()
     // A device behind a link is not replaced.
     let place = if is_special(path) { path.to_owned() } else { behind_links(path) };
     let partial = partial(&place);
+    let unwritten = |reason| anyhow::Error::from(Error::not_written(path, reason));
     let rename = || {
         if let Ok(file) = File::open(&partial) {
             keep_permissions(&file, &place);
         }
-        std::fs::rename(&partial, &place).map_err(|reason| Error::not_written(path, reason).into())
+        std::fs::rename(&partial, &place).map_err(unwritten)
     };
-    let written = write(&partial).and_then(|()| rename());
+    let created = create(&partial, &place).map(drop).map_err(unwritten);
+    let written = created.and_then(|()| write(&partial)).and_then(|()| rename());
     if written.is_err() {
         let _ = std::fs::remove_file(&partial);
     }
@@ -245,7 +265,7 @@ fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io:
     } else {
         let place = behind_links(path);
         let partial = partial(&place);
-        let created = File::create(&partial).inspect(|file| keep_permissions(file, &place));
+        let created = create(&partial, &place).inspect(|file| keep_permissions(file, &place));
         let moved = created.and_then(finish).and_then(|()| std::fs::rename(&partial, &place));
         if moved.is_err() {
             let _ = std::fs::remove_file(&partial);
@@ -348,6 +368,16 @@ mod tests {
         assert!(["link.toml", "second.toml", "dangling.toml"].iter().all(|link| path(link).is_symlink()));
         assert_eq!(place(&path("second.toml")), place(&path("kept/hall.toml")));
         assert_eq!(std::fs::read_dir(path("kept")).unwrap().count(), 2, "nothing is left beside them");
+        // While it is written, nobody else can read it, whatever its permissions were; the encoder opens it by name.
+        let film = |partial: &Path| {
+            assert_eq!(std::fs::metadata(partial)?.permissions().mode() & 0o777, 0o600);
+            Ok(std::fs::write(partial, "film")?)
+        };
+        for kept in [0o600, 0o640, 0o444] {
+            std::fs::set_permissions(path("kept/hall.toml"), std::fs::Permissions::from_mode(kept)).unwrap();
+            write_by_name(&path("link.toml"), film).unwrap();
+            assert_eq!(mode("kept/hall.toml"), kept);
+        }
         // Its folder may be written.
         std::fs::set_permissions(path("kept/hall.toml"), std::fs::Permissions::from_mode(0o444)).unwrap();
         write_text(&path("kept/hall.toml"), "again").unwrap();
