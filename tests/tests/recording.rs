@@ -63,8 +63,15 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
+/// The bytes of a file; of a picture without the text that says of which recording it is, which no other picture has.
 fn bytes(path: PathBuf) -> Vec<u8> {
-    std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    let mut bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let kind = b"tEXtRecording\0";
+    if let Some(at) = bytes.windows(kind.len()).take(1000).position(|own| own == kind) {
+        let length = bytes[at - 4..at].iter().fold(0, |length, byte| length << 8 | usize::from(*byte));
+        bytes.drain(at - 4..at + 4 + length + 4);
+    }
+    bytes
 }
 
 /// What a picture was drawn from.
@@ -224,6 +231,19 @@ fn two_shards_and_a_recording_that_goes_on_make_the_same_pictures_as_one_run() {
     assert_eq!(again.text(), "5 pictures in shards, 3 of them were there\n", "{again}");
     is_whole("shards");
     assert_eq!(kept(), before);
+
+    // A picture that is whole and of something else is neither taken nor replaced.
+    let third = folder.path("shards/frame-000003.png");
+    std::fs::rename(&third, folder.path("kept.png")).expect("the picture");
+    for other in ["shards/frame-000001.png", "other.png"] {
+        image::RgbImage::new(96, 64).save(folder.path("other.png")).expect("a picture");
+        std::fs::copy(folder.path(other), &third).expect("a copy");
+        let refused = record(&folder, "shards", &[]);
+        assert_eq!(refused.status, Some(2), "{refused}");
+        assert!(refused.messages.contains("frame-000003.png: it is no picture of this recording"), "{refused}");
+        assert!(std::fs::read(&third).ok() == std::fs::read(folder.path(other)).ok(), "{other}");
+    }
+    std::fs::rename(folder.path("kept.png"), &third).expect("the picture");
 
     for (words, told) in [
         (

@@ -158,7 +158,7 @@ impl Recording<'_> {
         };
         self.apply(auto.as_ref(), recording::settings(&mut request))?;
         let description = Description { auto, ..wanted };
-        let lacking = self.lacking(&self.frames)?;
+        let lacking = self.lacking(&self.frames, &description)?;
         let status =
             if lacking.is_empty() { 0 } else { self.make(&lacking, &description, made.is_none(), gpu, request)? };
         let (count, folder) = (self.frames.len(), scene::shown(&self.folder.path));
@@ -171,7 +171,7 @@ impl Recording<'_> {
         }
         if let (Some(film), true) = (self.output.film(), is_made) {
             let film = scene::shown(film);
-            let missing = if self.frames == self.all { 0 } else { self.lacking(&self.all)?.len() };
+            let missing = if self.frames == self.all { 0 } else { self.lacking(&self.all, &description)?.len() };
             if missing == 0 {
                 let encoded = self.output.encode(&self.all, self.arguments.size, self.arguments.fps, interrupt::check);
                 if encoded.is_err() && !interrupt::is_wanted() {
@@ -204,7 +204,10 @@ impl Recording<'_> {
     }
 
     /// The frames whose files are not there, or not whole.
-    fn lacking(&self, frames: &[u32]) -> anyhow::Result<Vec<u32>> {
+    ///
+    /// # Errors
+    /// A picture that is not of this recording, or Ctrl-C.
+    fn lacking(&self, frames: &[u32], description: &Description) -> anyhow::Result<Vec<u32>> {
         let bar = Bar::pictures("looking");
         let mut lacking = Vec::new();
         for (done, frame) in frames.iter().enumerate() {
@@ -213,7 +216,7 @@ impl Recording<'_> {
             let has_image =
                 |image: &Aov| picture_file::is_exr(&self.folder.image(*frame, image.name()), self.arguments.size);
             let has_stats = !self.arguments.stats || self.folder.stats(*frame).exists();
-            if !(self.folder.has(*frame, self.arguments.size) && self.images.iter().all(has_image) && has_stats) {
+            if !(self.folder.has(*frame, description)? && self.images.iter().all(has_image) && has_stats) {
                 lacking.push(*frame);
             }
         }
@@ -339,7 +342,8 @@ impl Recording<'_> {
                 picture_file::write_text(&self.folder.stats(*frame), &text)?;
             }
             // A frame with a picture is whole.
-            picture_file::write_png(&self.folder.picture(*frame), size, &picture.rgba, Some(&description.adapter))?;
+            let (file, own) = (self.folder.picture(*frame), description.of_frame(*frame));
+            picture_file::write_frame(&file, size, &picture.rgba, Some(&description.adapter), Some(&own))?;
             if recorder.is_empty() && !std::mem::replace(&mut is_told, true) {
                 let warning = if recorder.hides_all() {
                     subject::ALL_HIDDEN.to_owned()

@@ -24,13 +24,30 @@ use crate::system::terminal;
 /// # Errors
 /// If the file cannot be written; the error names it.
 pub fn write_png(path: &Path, size: [u32; 2], rgba: &[u8], adapter: Option<&Adapter>) -> anyhow::Result<()> {
+    write_frame(path, size, rgba, adapter, None)
+}
+
+/// Writes a picture as `write_png` does; the file also says of which recording it is.
+///
+/// # Errors
+/// Those of `write_png`.
+pub fn write_frame(
+    path: &Path,
+    size: [u32; 2],
+    rgba: &[u8],
+    adapter: Option<&Adapter>,
+    recording: Option<&str>,
+) -> anyhow::Result<()> {
     let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
     // The encoder would hide why a file cannot be written, so it writes to memory.
     let mut bytes = Vec::new();
     let [width, height] = size;
     PngEncoder::new(&mut bytes).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8)?;
     if let Some(adapter) = adapter {
-        record::name_source(&mut bytes, &adapter.to_string());
+        record::add_text(&mut bytes, record::SOURCE, &adapter.to_string());
+    }
+    if let Some(recording) = recording {
+        record::add_text(&mut bytes, record::RECORDING, recording);
     }
     write_whole(path, |file| file.write_all(&bytes))
 }

@@ -46,6 +46,13 @@ impl fmt::Display for Adapter {
 }
 
 impl Description {
+    /// What the file of a frame says that it is of. All adapters that may add to the folder say the same.
+    pub fn of_frame(&self, frame: u32) -> String {
+        let Self { version, scene, path, size, fps, adapter: _, set, averaging, auto: _ } = self;
+        let all = serde_json::json!([version, scene, path, size, fps, set, averaging]).to_string();
+        format!("{:08x}, frame {frame}", crc32fast::hash(all.as_bytes()))
+    }
+
     /// Returns in words the first thing that makes the pictures of `self` others than those of `wanted`. What was
     /// chosen for a target does not count, nor does the adapter if `is_mixed`.
     pub fn difference(&self, wanted: &Self, is_mixed: bool) -> Option<String> {

@@ -42,16 +42,31 @@ impl Folder {
         self.path.join(DESCRIPTION)
     }
 
-    /// Whether the picture of a frame is there, with this size and to its last pixel.
-    pub fn has(&self, frame: u32, [width, height]: [u32; 2]) -> bool {
-        read_picture(&self.picture(frame)).is_ok_and(|picture| picture.dimensions() == (width, height))
+    /// Whether the picture of a frame is there, to its last pixel.
+    ///
+    /// # Errors
+    /// A whole picture is there that is none of this frame of the recording.
+    pub fn has(&self, frame: u32, recording: &Description) -> Result<bool> {
+        let file = self.picture(frame);
+        let decoded = ImageReader::open(&file).map_err(image::ImageError::IoError).and_then(|reader| reader.decode());
+        let Ok(picture) = decoded else { return Ok(false) };
+        let is_own = self.text(frame, source::RECORDING).is_some_and(|own| own == recording.of_frame(frame));
+        if is_own && picture.color() == ColorType::Rgb8 && [picture.width(), picture.height()] == recording.size {
+            return Ok(true);
+        }
+        let problem = "it is no picture of this recording; move it away, or name another folder".to_owned();
+        Err(Error::Malformed { name: scene::shown(&file), problem })
     }
 
     /// What has drawn the picture of a frame, where its file says that.
     pub fn source(&self, frame: u32) -> Option<String> {
+        self.text(frame, source::SOURCE)
+    }
+
+    fn text(&self, frame: u32, keyword: &str) -> Option<String> {
         let mut head = Vec::new();
         File::open(self.picture(frame)).ok()?.take(HEAD_BYTES).read_to_end(&mut head).ok()?;
-        source::source(&head)
+        source::text(&head, keyword)
     }
 
     /// The picture of a frame: rows of sRGB red, green and blue, the top row first.
@@ -117,28 +132,60 @@ fn read_picture(path: &Path) -> image::ImageResult<image::RgbImage> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Adapter, Averaging};
+
+    fn recording(path: &str) -> Description {
+        let adapter = Adapter { name: "card".into(), backend: "Vulkan".into(), driver: "1.2".into() };
+        let (set, averaging) = (Default::default(), Averaging::NONE);
+        let (version, scene, path) = ("0.1.0".into(), "aa".into(), path.into());
+        Description { version, scene, path, size: [40, 30], fps: 30, adapter, set, averaging, auto: None }
+    }
+
+    /// The file of a picture that is of a frame of a recording.
+    fn png(of: Option<String>) -> Vec<u8> {
+        let picture = image::RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8]));
+        let mut bytes = Vec::new();
+        picture.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+        of.iter().for_each(|of| source::add_text(&mut bytes, source::RECORDING, of));
+        bytes
+    }
 
     #[test]
     fn a_picture_counts_if_it_is_there_whole_and_of_its_size() {
         let temporary = tempfile::tempdir().unwrap();
-        let folder = Folder { path: temporary.path().to_owned() };
-        assert!(!folder.has(7, [40, 30]));
+        let (folder, tour) = (Folder { path: temporary.path().to_owned() }, recording("tour"));
+        let has = || folder.has(7, &tour).unwrap();
+        assert!(!has());
         let file = folder.picture(7);
         assert!(file.ends_with("frame-000007.png"));
-        image::RgbImage::from_fn(40, 30, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8])).save(&file).unwrap();
-        assert!(folder.has(7, [40, 30]) && !folder.has(7, [30, 40]));
+        let bytes = png(Some(tour.of_frame(7)));
+        std::fs::write(&file, &bytes).unwrap();
+        assert!(has());
         assert_eq!(folder.read(7, [40, 30]).unwrap()[3 * 42..][..3], [2, 1, 2]);
         assert!(folder.read(7, [30, 40]).unwrap_err().to_string().contains("it has 40x30 pixels, expected 30x40"));
-        let bytes = std::fs::read(&file).unwrap();
         for length in [0, 8, bytes.len() / 2, bytes.len() - 30] {
             std::fs::write(&file, &bytes[..length]).unwrap();
-            assert!(!folder.has(7, [40, 30]), "{length} of {} bytes", bytes.len());
+            assert!(!has(), "{length} of {} bytes", bytes.len());
         }
         let mut damaged = bytes.clone();
         let middle = bytes.len() / 2;
         damaged[middle] ^= 0x10;
         std::fs::write(&file, &damaged).unwrap();
-        assert!(!folder.has(7, [40, 30]), "the checksum of the file says so");
+        assert!(!has(), "the checksum of the file says so");
+    }
+
+    #[test]
+    fn a_picture_of_something_else_is_neither_taken_nor_replaced() {
+        let temporary = tempfile::tempdir().unwrap();
+        let (folder, tour) = (Folder { path: temporary.path().to_owned() }, recording("tour"));
+        for of in [None, Some(tour.of_frame(8)), Some(recording("way back").of_frame(7))] {
+            std::fs::write(folder.picture(7), png(of)).unwrap();
+            let told = folder.has(7, &tour).unwrap_err().to_string();
+            assert!(told.contains("frame-000007.png: it is no picture of this recording; move it away"), "{told}");
+        }
+        let other = Description { adapter: Adapter { name: "other".into(), ..tour.adapter.clone() }, ..tour.clone() };
+        std::fs::write(folder.picture(7), png(Some(other.of_frame(7)))).unwrap();
+        assert!(folder.has(7, &tour).unwrap(), "--mixed decides about adapters");
     }
 
     #[test]

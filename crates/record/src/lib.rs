@@ -16,4 +16,4 @@ pub use description::{Adapter, Description};
 pub use error::{Error, Result};
 pub use film::{Film, Format};
 pub use folder::Folder;
-pub use source::name_source;
+pub use source::{RECORDING, SOURCE, add_text};

@@ -315,7 +315,7 @@ mod tests {
                 assert!(whole.starts_with(b"GIF89a") == (format == CaptureFormat::Gif) && whole.len() > 100);
                 assert_eq!(std::fs::read_dir(&pictures.path).unwrap().count(), 2);
             }
-            assert!(!pictures.has(6, SIZE), "no more than were shown");
+            assert!(!pictures.picture(6).exists(), "no more than were shown");
         }
     }
 
