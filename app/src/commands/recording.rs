@@ -170,8 +170,7 @@ impl PathChoice {
 pub fn checksums(request: &Request) -> anyhow::Result<BTreeMap<String, String>> {
     let mut sums = BTreeMap::<String, Option<crc32fast::Hasher>>::new();
     let name = |path: &Path| path.file_name().map_or_else(|| scene::shown(path), scene::shown);
-    for path in &request.scene_files {
-        let text = scene::whole_file::read(path).unwrap_or_default();
+    for (path, text) in &request.scene_files {
         let sum = sums.entry(name(path)).or_insert_with(|| Some(crc32fast::Hasher::new()));
         sum.iter_mut().for_each(|sum| sum.update(text.as_bytes()));
     }

@@ -158,8 +158,9 @@ pub fn run(request: Request, start: Start, gpu: Option<String>) -> anyhow::Resul
     let mut session = Session::new(preferences);
     session.auto.is_kept = true;
     if let Some(folder) = preferences::unsaved_folder() {
-        let named: Vec<PathBuf> = request.inputs.iter().map(|input| PathBuf::from(input.name())).collect();
-        let named = [request.scene_files.clone(), named].concat();
+        let named = request.inputs.iter().map(|input| PathBuf::from(input.name()));
+        let scenes = request.scene_files.iter().map(|(path, _)| path.clone());
+        let named: Vec<PathBuf> = scenes.chain(named).collect();
         session.document.find_abandoned(autosave::abandoned(&folder), &named, &mut session.outside);
         session.document.keeper = Some(autosave::Keeper::new(folder));
     }

@@ -293,8 +293,15 @@ impl SceneFile {
     /// # Errors
     /// Not readable, or not a scene; names the file.
     pub fn read(path: &Path) -> Result<(Self, Vec<PathBuf>), Error> {
-        let text = whole_file::read(path)?;
-        let mut file = Self::parse(&text).map_err(|error| Error::Unreadable {
+        Self::of_text(&whole_file::read(path)?, path)
+    }
+
+    /// The scene that the text of a file at a path describes, as `read` gives it.
+    ///
+    /// # Errors
+    /// Not a scene; names the file.
+    pub fn of_text(text: &str, path: &Path) -> Result<(Self, Vec<PathBuf>), Error> {
+        let mut file = Self::parse(text).map_err(|error| Error::Unreadable {
             name: shown(path),
             kind: ErrorKind::InvalidData,
             problem: error.to_string(),

@@ -10,7 +10,7 @@ use cloud::sampling::Surface;
 use glam::DVec3;
 use scene::{
     Bookmark, CameraPath, Clip, CloudSettings, Measurement, Mirror, MirrorPoints, Object, Paging, Profile, SceneFile,
-    Settings, SpotLight, View, Visibility, five_mirrors, shown,
+    Settings, SpotLight, View, Visibility, five_mirrors, shown, whole_file,
 };
 
 use crate::error::{Error, Result};
@@ -22,8 +22,8 @@ use crate::tiles::Tiles;
 #[derive(Clone, Debug, Default)]
 pub struct Request {
     pub inputs: Vec<Input>,
-    /// The scene files that were read.
-    pub scene_files: Vec<PathBuf>,
+    /// The scene files that were read, with their texts.
+    pub scene_files: Vec<(PathBuf, Arc<str>)>,
     /// The camera and parameters of the scene file, or the camera of a built-in scene that is shown alone.
     pub view: Option<View>,
     /// The mirrors of scene files; built-in scenes bring theirs when they are loaded.
@@ -328,7 +328,8 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
         let path = Path::new(word);
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml")) {
             let name = shown(path);
-            let (file, clouds) = match SceneFile::read(path) {
+            let read = whole_file::read(path).and_then(|text| Ok((SceneFile::of_text(&text, path)?, text)));
+            let ((file, clouds), text) = match read {
                 Ok(scene) => scene,
                 Err(error) => {
                     let missing = if path.exists() { None } else { input(word.as_ref(), true).err() };
@@ -339,7 +340,7 @@ pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
             request.inputs.extend(clouds.iter().map(|cloud| named(cloud.as_ref(), &format!("{name}: "))));
             let view = file.view();
             files.push(file);
-            request.scene_files.push(path.to_owned());
+            request.scene_files.push((path.to_owned(), text.into()));
             request.warnings.extend(view.warnings.iter().map(|warning| format!("{name}: {warning}")));
             if request.view.replace(view).is_some() {
                 request

@@ -294,10 +294,15 @@ pub enum Found {
     CacheSize(u64),
 }
 
-/// The checksum of a scene file, which tells whether another program has changed it; 0 if it is empty or not there.
-pub fn checksum(file: &Result<String, scene::Error>) -> u32 {
+/// The checksum of the text of a scene file, which tells whether another program has changed it; 0 if it is empty.
+pub fn checksum(text: &str) -> u32 {
+    crc32fast::hash(text.as_bytes())
+}
+
+/// The checksum of a scene file as it was read; 0 if it is empty or not there.
+fn checksum_of(file: &Result<String, scene::Error>) -> u32 {
     match file {
-        Ok(text) => crc32fast::hash(text.as_bytes()),
+        Ok(text) => checksum(text),
         Err(scene::Error::Unreadable { kind: ErrorKind::NotFound, .. }) => 0,
         Err(problem) => crc32fast::hash(problem.to_string().as_bytes()),
     }
@@ -408,7 +413,7 @@ impl Work {
             Self::Cast(ray) => found(Found::Surface(inspection::cast(&ray))),
             Self::SaveScene { path, text, known } => {
                 let before = scene::whole_file::read(&path);
-                let now = checksum(&before);
+                let now = checksum_of(&before);
                 match &before {
                     // Whether it has changed cannot be told.
                     Err(problem) if now != 0 && known.is_some() => {
@@ -422,7 +427,7 @@ impl Work {
                 // A person may have written the file that is replaced.
                 let text = scene::with_comments(&text, &before.unwrap_or_default());
                 let written = picture_file::write_text(&path, &text).map_err(|error| format!("{error:#}"));
-                let result = written.map(|()| checksum(&Ok(text)));
+                let result = written.map(|()| checksum(&text));
                 found(Found::SceneSaved { path, result });
             }
             Self::Keep { keeper, text, home } => {

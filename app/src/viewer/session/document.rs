@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use scene::{Settings, whole_file};
+use scene::Settings;
 use serde_json::json;
 use world::{CloudKey, Event};
 
@@ -145,12 +145,14 @@ impl Document {
         }
     }
 
-    /// Notes that everything which is open comes from these scene files. A single one is where the scene is saved.
-    pub fn opened(&mut self, scene_files: &[PathBuf], scene: &Scene, preferences: &mut Preferences) {
-        let place = if let [one] = scene_files { std::path::absolute(one).ok() } else { None };
-        if let Some(place) = &place {
+    /// Notes that everything which is open comes from these scene files, by the texts that were read. A single one is where
+    /// the scene is saved.
+    pub fn opened(&mut self, scene_files: &[(PathBuf, Arc<str>)], scene: &Scene, preferences: &mut Preferences) {
+        let one = if let [(path, text)] = scene_files { Some((path, text)) } else { None };
+        let place = one.and_then(|(path, _)| std::path::absolute(path).ok());
+        if let (Some(place), Some((_, text))) = (&place, one) {
             preferences.remember_session(&place.display().to_string());
-            self.known = checksum(&whole_file::read(place));
+            self.known = checksum(text);
         }
         (self.place, self.asks_to_replace) = (place, false);
         self.saved = Some(self.state(scene));

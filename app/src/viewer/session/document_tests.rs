@@ -147,6 +147,24 @@ fn a_file_that_another_program_has_changed_is_replaced_only_where_a_person_says_
     assert!(!session.is_unsaved() && text().contains("[[mirrors]]"));
 }
 
+#[test]
+fn a_file_that_was_changed_between_reading_and_opening_is_known_as_it_was_read() {
+    let (folder, mut session) = session();
+    let file = folder.path().join("hall.toml");
+    session = Session::new(session.preferences.clone());
+    // A slow start reads the file seconds before the window is there.
+    let request = world::resolve(&[&file]);
+    let noted = "clouds = [\"three.ply\"]\n[[notes]]\ntext = \"a door\"\nposition = [0.0, 0.0, 0.0]\n";
+    std::fs::write(&file, noted).unwrap();
+    session.open_request(request);
+    settle(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::File(Filing::Save));
+    settle(&mut session);
+    assert!(session.document.asks_to_replace && session.is_unsaved());
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), noted);
+}
+
 #[cfg(unix)]
 #[test]
 fn a_scene_behind_a_link_is_saved_in_its_file_and_opens_by_both_names() {
