@@ -35,22 +35,22 @@ pub fn catch(wake: impl Fn() + Send + Sync + 'static) {
     });
     // If no handler can be set, Ctrl-C or the signal ends the program at once.
     #[cfg(unix)]
-    if let Err(error) = catch_signals(stop.clone()) {
-        tracing::debug!(%error, "signals");
-    }
-    if let Err(error) = ctrlc::set_handler(move || stop(INTERRUPTED)) {
+    let caught = catch_signals(stop);
+    #[cfg(not(unix))]
+    let caught = ctrlc::set_handler(move || stop(INTERRUPTED));
+    if let Err(error) = caught {
         tracing::debug!(%error, "Ctrl-C");
     }
 }
 
-/// Calls `stop` for each signal to end but that of Ctrl-C, with the exit status by which shells report it.
+/// Calls `stop` for Ctrl-C and each signal to end, with the exit status by which shells report it.
 #[cfg(unix)]
 fn catch_signals(stop: Arc<impl Fn(u8) + Send + Sync + 'static>) -> std::io::Result<()> {
     use std::io::Read as _;
 
-    use signal_hook::consts::{SIGHUP, SIGTERM};
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     let ends_with_terminal = if ends_with_terminal() { Some(SIGHUP) } else { None };
-    for signal in [SIGTERM].into_iter().chain(ends_with_terminal) {
+    for signal in [SIGINT, SIGTERM].into_iter().chain(ends_with_terminal) {
         let (mut signals, sender) = std::io::pipe()?;
         signal_hook::low_level::pipe::register(signal, sender)?;
         let stop = stop.clone();
