@@ -106,11 +106,11 @@ impl Inspection {
         }
     }
 
-    /// Places the mirror over `surface`, or over the surface that it is at already.
-    pub fn update(&mut self, surface: Option<Surface>, eye: DVec3, up: DVec3) {
+    /// Places the mirror over `surface`, or over the surface that it is at already; `eye` is where a place is seen from.
+    pub fn update(&mut self, surface: Option<Surface>, eye: impl Fn(DVec3) -> DVec3, up: DVec3) {
         self.surface = surface.or(self.surface);
         if let Some(surface) = self.surface {
-            self.mirror = Some(self.placed(surface, eye, up));
+            self.mirror = Some(self.placed(surface, eye(surface.position), up));
         }
     }
 
@@ -257,7 +257,7 @@ mod tests {
         for is_bulged in [false, true] {
             let mut inspection = Inspection::new(ObjectId(0));
             inspection.pose.is_bulged = is_bulged;
-            inspection.update(Some(surface), eye, DVec3::Z);
+            inspection.update(Some(surface), |_| eye, DVec3::Z);
             let mirror = inspection.mirror.clone().unwrap();
             assert_eq!(mirror.problem(), None);
             let reach = eye.distance(surface.position);
@@ -279,11 +279,11 @@ mod tests {
     fn distance_and_tilt_change_the_mirror_where_it_is() {
         let surface = Surface { position: DVec3::ZERO, normal: DVec3::Z };
         let mut inspection = Inspection::new(ObjectId(0));
-        inspection.update(None, DVec3::ONE, DVec3::Z);
+        inspection.update(None, |_| DVec3::ONE, DVec3::Z);
         assert!(inspection.mirror.is_none());
-        inspection.update(Some(surface), DVec3::ONE * 5.0, DVec3::Z);
+        inspection.update(Some(surface), |_| DVec3::ONE * 5.0, DVec3::Z);
         inspection.pose.distance *= 2.0;
-        inspection.update(None, DVec3::ONE * 5.0, DVec3::Z);
+        inspection.update(None, |_| DVec3::ONE * 5.0, DVec3::Z);
         let height = inspection.mirror.as_ref().unwrap().position.z;
         assert!((height - 2.0 * DISTANCE * (DVec3::ONE * 5.0).length()).abs() < 1e-9);
     }

@@ -47,6 +47,14 @@ fn sight(scene: &Scene, world: DVec3) -> DVec3 {
     }
 }
 
+/// Where the eye is that sees a place: in a parallel view before that place, as far from it as from the pivot.
+fn eye_before(scene: &Scene, place: DVec3) -> DVec3 {
+    match scene.settings.view.projection {
+        Projection::Orthographic => place - scene.camera.forward() * scene.camera.distance(),
+        Projection::Perspective => scene.camera.eye,
+    }
+}
+
 /// Asks how far a point may be off the surface; `sight` is the unit direction in which it is seen.
 fn find_error(picked: PickedPoint, world: DVec3, sight: DVec3, loaded: &Loaded, outside: &mut Outside) {
     let Some(entry) = loaded.cloud(picked.chunk.cloud) else { return };
@@ -329,7 +337,7 @@ impl Tools {
         let size = if size > 0.0 { size } else { scene.camera.distance() * MIRROR_SIZE };
         let picked = self.pick.as_ref().map(|pick| (pick.world, loaded.normal_at(pick.point)));
         let (point, normal) = picked.unwrap_or((scene.camera.pivot, None));
-        let to_eye = scene.camera.eye - point;
+        let to_eye = eye_before(scene, point) - point;
         let normal = normal.map_or(up, |normal| if normal.dot(to_eye) < 0.0 { -normal } else { normal });
         let name = shape.name().to_owned();
         let mirror = Mirror { name, ..Mirror::standing(shape, point, normal, up, size) };
@@ -364,10 +372,10 @@ impl Tools {
 
     /// Keeps the inspection mirror at the cursor; called every frame of the window.
     pub fn follow_cursor(&mut self, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
-        let (eye, up, cursor) = (scene.camera.eye, scene.up(&loaded.clouds), scene.cursor());
+        let (up, cursor) = (scene.up(&loaded.clouds), scene.cursor());
         let Some(held) = &mut self.inspection else { return };
         let before = held.mirror.clone();
-        held.update(None, eye, up);
+        held.update(None, |place| eye_before(scene, place), up);
         let is_changed = held.mirror != before;
         if is_changed {
             scene.navigation.camera_moved(outside.now);
@@ -391,11 +399,11 @@ impl Tools {
 
     /// Moves the inspection mirror to the surface that a sight line met. If it met none, the mirror stays where it was.
     pub fn on_surface(&mut self, surface: Option<Surface>, scene: &mut Scene, loaded: &Loaded, outside: &mut Outside) {
-        let (eye, up) = (scene.camera.eye, scene.up(&loaded.clouds));
+        let up = scene.up(&loaded.clouds);
         let Some(held) = &mut self.inspection else { return };
         held.known = held.asked.take();
         if surface.is_some() {
-            held.update(surface, eye, up);
+            held.update(surface, |place| eye_before(scene, place), up);
             scene.navigation.camera_moved(outside.now);
         }
     }
@@ -432,5 +440,35 @@ fn sight_line(scene: &Scene, pixel: [u32; 2], targets: Vec<Target>) -> Ray {
     let (_, beside) = lens.ray(pixel + DVec2::X * CAST_RADIUS);
     let is_parallel = scene.settings.view.projection == Projection::Orthographic;
     let width = lens.units_per_pixel(scene.camera.pivot).filter(|_| is_parallel).unwrap_or(0.0) * CAST_RADIUS;
+    // A parallel view shows what is behind its eye, too.
+    let depth = |target: &Target| (target.bounds.center() - origin).dot(direction) - 2.0 * target.bounds.radius() - width;
+    let before = targets.iter().map(depth).fold(0.0, f64::min);
+    let origin = if is_parallel { origin + direction * before } else { origin };
     Ray { origin, direction, spread: direction.distance(beside), width, targets }
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::Camera;
+
+    use super::*;
+    use crate::viewer::session::Session;
+
+    #[test]
+    fn in_a_parallel_view_a_surface_behind_the_eye_is_met_and_is_seen_from_before_it() {
+        let mut session = Session::with_two_points();
+        let scene = &mut session.scene;
+        (scene.view_size, scene.camera) = ([64, 48], Camera::from_eye(DVec3::ZERO, DVec3::X * 10.0, DVec3::Z));
+        let at = |place: i32| (f64::from(place) * 0.1 - 2.0) as f32;
+        let chunk = Chunk::new(0, DVec3::ZERO, (0..1600).map(|i| [-3.0, at(i % 40), at(i / 40)]).collect());
+        let test = Arc::new(PointTest::default().of(&CloudLayout::default()));
+        let wall = Target { bounds: chunk.bounds(), chunk, test };
+        for (projection, eye) in [(Projection::Orthographic, Some(-13.0)), (Projection::Perspective, None)] {
+            scene.settings.view.projection = projection;
+            let met = inspection::cast(&sight_line(scene, [32, 24], vec![wall.clone()]));
+            let seen_from = met.map(|surface| (surface.position, eye_before(scene, surface.position)));
+            assert_eq!(seen_from.map(|(_, eye)| eye.x), eye);
+            assert!(seen_from.is_none_or(|(place, eye)| place.x == -3.0 && eye.yz() == place.yz()), "{seen_from:?}");
+        }
+    }
 }
