@@ -80,8 +80,10 @@ pub fn number_field<N: Numeric>(value: &mut N) -> egui::DragValue<'_> {
 }
 
 /// The most digits of a number of 32 and of 64 bits that is shown in full: such a one was typed or dragged, and a computed
-/// one mostly has more.
-const MOST_DIGITS: [usize; 2] = [7, 12];
+/// one has more, but for a few.
+const MOST_DIGITS: [usize; 2] = [6, 12];
+/// The longest text of a number that is shown in full.
+const MOST_LETTERS: usize = 15;
 
 /// A number in figures, without decimals where it is a whole one by its type. All digits of one that was typed are shown,
 /// however many a field has else.
@@ -93,7 +95,10 @@ fn plain<N: Numeric>(number: f64, decimals: RangeInclusive<usize>) -> String {
     let exact = if is_single { (number as f32).to_string() } else { number.to_string() };
     let digits = exact.trim_start_matches(['-', '0', '.']).bytes().filter(u8::is_ascii_digit).count();
     let own = exact.split_once('.').map_or(0, |(_, decimals)| decimals.len());
-    if own > *decimals.start() && digits <= MOST_DIGITS[usize::from(!is_single)] {
+    // egui asks for more decimals of a logarithmic slider the nearer it is to 0, for 0 itself as well.
+    let decimals = (*decimals.start()).min(3)..=*decimals.end();
+    let is_short = digits <= MOST_DIGITS[usize::from(!is_single)] && exact.len() <= MOST_LETTERS;
+    if own > *decimals.start() && is_short {
         return exact;
     }
     egui::emath::format_with_decimals_in_range(number, decimals)
@@ -154,7 +159,7 @@ pub fn length(ui: &mut Ui, name: &str, value: &mut f64, largest: f64) {
 }
 
 /// The longest text of a number of which three fit beside their name.
-const MOST_LETTERS: usize = 9;
+const MOST_OF_THREE: usize = 9;
 
 /// Draws a line of three numbers, below their name where they are as long as coordinates of a survey. Returns them if a
 /// person edited one and all are finite.
@@ -169,15 +174,21 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
             ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
         }
     };
-    let longest = value.to_array().map(|axis| plain::<f64>(axis, 0..=4).len()).into_iter().max().unwrap_or(0);
-    if longest <= MOST_LETTERS && value.abs().max_element() < 1e5 {
+    let letters = |axis: f64| plain::<f64>(axis, 0..=4).len() + suffix.chars().count();
+    let longest = value.to_array().map(letters).into_iter().max().unwrap_or(0);
+    // The fields are the same ones in both places: the keyboard and a drag stay with them.
+    if longest <= MOST_OF_THREE && value.abs().max_element() < 1e5 {
+        ui.skip_ahead_auto_ids(1);
         ui.horizontal(|ui| {
             let label = name_label(ui, name);
             fields(ui, &label);
         });
     } else {
         let label = name_label(ui, name);
-        ui.horizontal(|ui| fields(ui, &label));
+        ui.horizontal(|ui| {
+            ui.skip_ahead_auto_ids(1);
+            fields(ui, &label);
+        });
     }
     (edited != value && edited.is_finite()).then_some(edited)
 }
@@ -335,10 +346,36 @@ mod tests {
         assert_eq!(*harness.state(), (0.123_456, 0.000_012_5, 5_413_587.341_25));
         let shown = harness.get_all_by_role(egui::Role::SpinButton).filter_map(|field| field.value());
         assert_eq!(shown.collect::<Vec<_>>(), typed);
-        // What is computed has no long tail.
+        // What is computed has no long tail, and nothing has a long one.
+        assert_eq!(plain::<f32>(f64::from(2.0_f32 / 3.0), 1..=3), "0.667");
+        assert_eq!(plain::<f32>(f64::from(60.0_f32 / 7.0), 1..=3), "8.571");
+        assert_eq!((plain::<f64>(1e-300, 2..=4), plain::<f32>(0.0, 6..=8)), ("0.00".into(), "0.000".into()));
         assert_eq!(plain::<f64>(1.0 / 3.0, 2..=4), "0.3333");
         assert_eq!(plain::<f32>(f64::from(1.0_f32 / 3.0), 1..=3), "0.333");
         assert_eq!((plain::<f64>(2.0, 2..=4), plain::<f32>(f64::from(0.1_f32), 1..=3)), ("2.00".into(), "0.1".into()));
+    }
+
+    #[test]
+    fn three_numbers_keep_the_keyboard_when_they_become_long() {
+        let mut harness = egui_kittest::Harness::builder().with_size([310.0, 160.0]).build_ui_state(
+            |ui, place: &mut DVec3| {
+                *place = three(ui, "Place", *place, 0.1, "").unwrap_or(*place);
+            },
+            DVec3::new(1.0, 2.0, 3.0),
+        );
+        harness.run();
+        harness.get_all_by_role(egui::Role::SpinButton).next().unwrap().focus();
+        harness.run();
+        // The first number is too long for the line.
+        for text in ["1234.56789", "-5.25", "7"] {
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.run();
+            harness.get_by(|node| node.is_focused()).type_text(text);
+            harness.run();
+            harness.key_press(egui::Key::Tab);
+            harness.run();
+        }
+        assert_eq!(*harness.state(), DVec3::new(1234.567_89, -5.25, 7.0));
     }
 
     #[test]

@@ -235,7 +235,7 @@ pub fn from_angles(degrees: DVec3, up: DVec3) -> DQuat {
 fn angles(rotation: DQuat, up: DVec3) -> DVec3 {
     let (yaw, pitch, roll) = rotation.to_euler(order(up));
     // Rounding removes -0 and digits that come from the conversion only.
-    DVec3::new(yaw, pitch, roll).map(|angle| (angle.to_degrees() * 1e6).round() / 1e6 + 0.0)
+    DVec3::new(yaw, pitch, roll).map(|angle| (angle.to_degrees() * 1e4).round() / 1e4 + 0.0)
 }
 
 /// Returns the angles that the user last set, if they still give this rotation: several triples of angles give the same
