@@ -129,7 +129,7 @@ impl Legend {
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
     pub area: Rect,
-    /// Where the first column ends at the top, below other overlays.
+    /// Where columns end at the top, below other overlays.
     pub top: f32,
     /// Where further columns end at the left and at the bottom.
     pub left: f32,
@@ -142,8 +142,7 @@ pub fn paint_all(legends: &[Legend], all: usize, painter: &Painter, room: Room, 
     let mut placed = arrange(legends, painter, room, size);
     if placed.len() < all {
         let lower = size * LINE_OF_COUNT;
-        let area = Rect::from_min_max(room.area.min + vec2(0.0, lower), room.area.max);
-        placed = arrange(legends, painter, Room { area, top: room.top + lower, ..room }, size);
+        placed = arrange(legends, painter, Room { top: room.top + lower, ..room }, size);
         let told = match all {
             1 => text!("no room for the legend").into(),
             all => text!("{count} of {all} legends", count = placed.len(), all),
@@ -181,7 +180,7 @@ fn arrange(legends: &[Legend], painter: &Painter, room: Room, size: f32) -> Vec<
         let mut best = lay_out(corner, end);
         if !best.as_ref().is_some_and(|(laid, _)| laid.is_whole) && !placed.is_empty() {
             let edge = placed.iter().map(|(_, place)| place.left()).fold(area.right(), f32::min);
-            let (next, beside) = (pos2(edge - size, bottom), pos2(left, area.top()));
+            let (next, beside) = (pos2(edge - size, bottom), pos2(left, top));
             let height = |one: &(LaidOut, Rect)| one.1.height();
             let found = lay_out(next, beside).filter(|one| best.as_ref().is_none_or(|best| height(one) > height(best)));
             if found.is_some() {

@@ -61,8 +61,12 @@ impl Named {
     /// The name, behind as many folders of the input as tell it from clouds of the same name.
     fn apart_from<'a>(&self, others: impl Iterator<Item = &'a Self>) -> String {
         let folders = |input: &str| -> Vec<String> {
-            let parts = Path::new(input).parent().into_iter().flat_map(Path::components);
-            let folders = parts.filter(|part| matches!(part, Component::Normal(_)));
+            // EPT is named like the folder of its file.
+            let parent = Path::new(input).parent();
+            let is_of_file = parent.and_then(Path::file_name) != Some(self.name.as_ref());
+            let parent = if is_of_file { parent } else { parent.and_then(Path::parent) };
+            let parts = parent.into_iter().flat_map(Path::components);
+            let folders = parts.filter(|part| matches!(part, Component::Normal(_) | Component::ParentDir));
             let mut folders: Vec<String> =
                 folders.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect();
             folders.reverse();
@@ -231,7 +235,7 @@ mod tests {
         let titles = |ranges: &[(&str, f64)]| {
             let mut facts = Facts::new(Units::default(), DVec3::Z);
             for (input, high) in ranges {
-                let cloud = input.rsplit('/').next().unwrap();
+                let cloud = input.trim_end_matches("/ept.json").rsplit('/').next().unwrap();
                 let (source, label, ramp) = (ColorSource::Height, "height".into(), scene::Ramp::Viridis);
                 let (low, high, full_range) = (0.0, *high, (0.0, *high));
                 let plan = ColorPlan { source, label, ramp, plain: [1; 4], low, high, full_range };
@@ -247,6 +251,10 @@ mod tests {
         assert_eq!(namesakes, ["height, may/a.laz", "height, june/a.laz", "height, b.laz"]);
         let namesakes = titles(&[("may/1/a.laz", 5.0), ("june/1/a.laz", 7.0), ("a.laz", 8.0)]);
         assert_eq!(namesakes, ["height, may/1/a.laz", "height, june/1/a.laz", "height, a.laz"]);
+        let namesakes = titles(&[("a/x.laz", 5.0), ("../a/x.laz", 7.0)]);
+        assert_eq!(namesakes, ["height, a/x.laz", "height, ../a/x.laz"]);
+        let namesakes = titles(&[("e1/f/ept.json", 5.0), ("e2/f/ept.json", 7.0)]);
+        assert_eq!(namesakes, ["height, e1/f", "height, e2/f"]);
     }
 
     #[test]
