@@ -198,7 +198,7 @@ mod tests {
         assert_eq!(first_reflection_text(&bench.session), None, "it is over no surface");
         let held = bench.session.tools.inspection.as_mut().unwrap();
         let eye = bench.session.scene.camera.eye;
-        held.update(Some(Surface { position: DVec3::ZERO, normal: DVec3::Z }), eye, DVec3::Z);
+        held.update(Some(Surface { position: DVec3::ZERO, normal: DVec3::Z }), |_| eye, DVec3::Z);
         let told = "First picture in the mirror: it is being drawn";
         assert_eq!(first_reflection_text(&bench.session).as_deref(), Some(told));
         let shaders = bench.session.frames.shaders.clone();
