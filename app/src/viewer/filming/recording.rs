@@ -1,11 +1,13 @@
 //! A recording that the window asks for: its dialog, its progress, and its end.
 
+use std::path::Path;
 use std::sync::PoisonError;
 use std::time::Instant;
 
 use serde_json::json;
 
 use crate::shared::language::text;
+use crate::system::film::folder_of;
 use crate::system::progress_bar::Stage;
 use crate::viewer::jobs::process::{Ended, Leash};
 use crate::viewer::loaded::Loaded;
@@ -117,9 +119,7 @@ impl Recording {
         self.stopped = matches!(ended, Ended::Stopped).then_some(wanted);
         match ended {
             Ended::Done(told) => {
-                // The command prints the path as it was given.
-                let told =
-                    told.strip_prefix(&output).map_or(told.clone(), |rest| format!("{}{rest}", whole(output.as_ref())));
+                let told = with_whole_paths(told, output.as_ref());
                 outside.note(text!("Recorded: {told}", told));
             }
             Ended::Stopped => outside.note(text!(
@@ -128,5 +128,29 @@ impl Recording {
             )),
             Ended::Failed(problem) => outside.say(Level::Error, text!("Recording: {problem}", problem)),
         }
+    }
+}
+
+/// What the command has printed, which names its pictures and its film as they were given.
+fn with_whole_paths(told: String, output: &Path) -> String {
+    [output, &folder_of(output)]
+        .into_iter()
+        .fold(told, |told, path| told.replace(&format!(" in {}", path.display()), &format!(" in {}", whole(path))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_says_where_its_pictures_and_its_film_are() {
+        let here = std::env::current_dir().unwrap();
+        let whole = |name: &str| here.join(name).display().to_string();
+        let told = "10 pictures in tour.frames, 3 of them were there; 10 pictures in tour.mp4";
+        let (pictures, film) = (whole("tour.frames"), whole("tour.mp4"));
+        let expected = format!("10 pictures in {pictures}, 3 of them were there; 10 pictures in {film}");
+        assert_eq!(with_whole_paths(told.to_owned(), Path::new("tour.mp4")), expected);
+        let folder = format!("10 pictures in {}", whole("tour"));
+        assert_eq!(with_whole_paths("10 pictures in tour".to_owned(), Path::new("tour")), folder);
     }
 }

@@ -13,7 +13,7 @@ use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{name_label, number_field, progress_bar};
 use crate::viewer::panels::overlay;
 use crate::viewer::panels::truth::{divide, split, tag};
-use crate::viewer::requests::action::{Action, Compare, KeptStep};
+use crate::viewer::requests::action::{Action, Compare, KeptStep, SavePicture};
 use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
 use crate::viewer::truth::view::Picture;
@@ -375,6 +375,13 @@ mod tests {
         harness.state_mut().scene.settings.splat.size = 3.0;
         click(&mut harness, "Split");
         assert!(harness.state().kept.is_split && harness.state().kept.is_asked_for());
+        let says_so = |harness: &Harness<'static, Session>| {
+            let mut messages = harness.state().outside.messages.all.iter();
+            messages.any(|message| message.text.contains("saved alone"))
+        };
+        assert!(!says_so(&harness));
+        harness.state_mut().act(Action::SavePicture(SavePicture::AtOnce));
+        assert!(says_so(&harness), "the kept state is not in a saved picture");
         click(&mut harness, "Side by side");
         assert!(harness.state().kept.is_beside());
         click(&mut harness, "Swap");
