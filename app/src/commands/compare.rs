@@ -120,7 +120,7 @@ fn open(word: &OsStr, set: &[(String, String)]) -> anyhow::Result<Side> {
     }
     let sources = inputs.concat();
     let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
-    let units = sources.first().map(|source| source.info().units).unwrap_or_default();
+    let units = Units::in_common(sources.iter().map(|source| source.info().units));
     Ok(Side { points: Points::Files(sources), test, left_out, up, units, settings })
 }
 

@@ -20,13 +20,6 @@ use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{interrupt, progress_bar};
 
-/// What all measurements share, known when the first file is open.
-#[derive(Clone, Copy)]
-struct Basis {
-    units: Units,
-    up: DVec3,
-}
-
 /// The files whose points are measured, and which of the points.
 struct Job<'a> {
     request: &'a Request,
@@ -35,7 +28,8 @@ struct Job<'a> {
     /// The stray points of each file, if they are hidden: their indices in the file, ascending.
     left_out: HashMap<(PathBuf, usize), Vec<u64>>,
     settings: Settings,
-    basis: Option<Basis>,
+    /// The direction up of the first file, once it is open.
+    up: Option<DVec3>,
     /// What the files say that have been read.
     read: Vec<Info>,
     /// The number of points of them that cannot be read.
@@ -80,8 +74,7 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         left_out.extend(paths.zip(found.ok_or(stream::Error::Cancelled)?));
     }
     let (missing, status) = (0, 0);
-    let mut job =
-        Job { request: &request, files, test, left_out, settings, basis: None, read, missing, status, failed };
+    let mut job = Job { request: &request, files, test, left_out, settings, up: None, read, missing, status, failed };
     for input in request.inputs.iter().filter(|input| input.files().is_empty()) {
         job.status = UNUSABLE;
         job.failed.complain(&format!("{}: points of files are measured", input.name()));
@@ -90,11 +83,12 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
     for round in rounds(&measurements, memory) {
         results.append(&mut job.measure(round)?);
     }
-    let Job { basis, missing, mut status, mut failed, .. } = job;
-    let Some(Basis { units, .. }) = basis else {
+    let Job { up, read, missing, mut status, mut failed, .. } = job;
+    if up.is_none() {
         failed.end();
         return Ok(status.max(UNUSABLE));
-    };
+    }
+    let units = Units::in_common(read.iter().map(|info| info.units));
     let measured = || measurements.iter().zip(&results);
     for (index, (measurement, figures)) in measured().enumerate() {
         if let Err(problem) = figures {
@@ -130,14 +124,9 @@ fn rounds(measurements: &[Measurement], memory: u64) -> Vec<&[Measurement]> {
     rounds
 }
 
-impl Basis {
-    fn new(info: &Info, settings: &Settings) -> Self {
-        Self { units: info.units, up: world::up_of(info, settings) }
-    }
-
-    fn begin(self, measurements: &[Measurement]) -> Vec<Mutex<Gathering>> {
-        measurements.iter().map(|one| Mutex::new(Gathering::new(one, self.up))).collect()
-    }
+/// What the measurements take from the points; `up` is the direction up.
+fn begin(measurements: &[Measurement], up: DVec3) -> Vec<Mutex<Gathering>> {
+    measurements.iter().map(|one| Mutex::new(Gathering::new(one, up))).collect()
 }
 
 impl Job<'_> {
@@ -145,7 +134,7 @@ impl Job<'_> {
     /// file there are no results.
     fn measure(&mut self, measurements: &[Measurement]) -> anyhow::Result<Vec<Outcome>> {
         let is_first = self.read.is_empty();
-        let mut gatherings = self.basis.map(|basis| basis.begin(measurements)).unwrap_or_default();
+        let mut gatherings = self.up.map(|up| begin(measurements, up)).unwrap_or_default();
         let mut readable = Vec::new();
         for (input, file) in std::mem::take(&mut self.files) {
             match self.read((&input, &file), measurements, &mut gatherings, is_first) {
@@ -196,9 +185,9 @@ impl Job<'_> {
     ) -> anyhow::Result<()> {
         let info = source.info();
         let path = info.path.as_path();
-        let basis = *self.basis.get_or_insert_with(|| Basis::new(info, &self.settings));
+        let up = *self.up.get_or_insert_with(|| world::up_of(info, &self.settings));
         if gatherings.is_empty() {
-            *gatherings = basis.begin(measurements);
+            *gatherings = begin(measurements, up);
         }
         let cloud =
             Cloud { name: shown(path), attributes: info.attributes.clone(), grid: info.grid, chunks: Vec::new() };

@@ -183,7 +183,7 @@ pub fn open(
     resident.apply(Change::Visibility { test: test.clone() })?;
     resident.apply(Change::Expect { points: clouds.iter().map(|loaded| loaded.points).sum() })?;
     let mut parts = Vec::new();
-    let units = clouds.first().map(|loaded| loaded.units).unwrap_or_default();
+    let units = codec::Units::in_common(clouds.iter().map(|loaded| loaded.units));
     let mut facts = Facts::new(units, up);
     for loaded in &mut clouds {
         if finds_errors {

@@ -40,7 +40,7 @@ const MOST_LEGENDS: usize = 3;
 /// What overlays tell, besides what follows from the camera.
 #[derive(Clone, Debug, Default)]
 pub struct Facts {
-    /// The units of the first cloud, in which all others are taken to be.
+    /// The units that all clouds have in common.
     pub units: Units,
     pub up: DVec3,
     /// Each with the clouds whose colours it explains.

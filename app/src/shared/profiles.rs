@@ -354,7 +354,7 @@ impl Table {
             })
         };
         let text = |unit: Option<Unit>| unit.map(|unit| unit.to_string());
-        let unit = text(self.parts.first().and_then(|part| part.units.length()));
+        let unit = text(self.units().length());
         let [along_unit, height_unit] = self.axis_units().map(text);
         let sections: Vec<serde_json::Value> =
             self.sections.iter().zip(&self.extents).enumerate().map(section).collect();
@@ -375,8 +375,12 @@ impl Table {
         })
     }
 
+    fn units(&self) -> Units {
+        Units::in_common(self.parts.iter().map(|part| part.units))
+    }
+
     fn axis_units(&self) -> AxisUnits {
-        self.parts.first().map_or([None; 2], |part| axis_units(&part.units, part.up))
+        self.parts.first().map_or([None; 2], |part| axis_units(&self.units(), part.up))
     }
 
     fn add(&mut self, cloud: Cloud, pieces: Vec<Piece>, (up, units): (DVec3, Units)) {

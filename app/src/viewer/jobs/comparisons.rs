@@ -142,7 +142,7 @@ impl Ends {
             sources.extend(own);
         }
         let up = sources.first().map_or(DVec3::Z, |source| world::up_of(source.info(), &settings));
-        let units = sources.first().map(|source| source.info().units).unwrap_or_default();
+        let units = Units::in_common(sources.iter().map(|source| source.info().units));
         Ok(Some(Side { points: Points::Files(sources), test, left_out, up, units, settings }))
     }
 }

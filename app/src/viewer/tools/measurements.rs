@@ -152,9 +152,9 @@ fn essence(measurement: &Measurement) -> Measurement {
     Measurement { name: String::new(), on: true, color: [0.0; 3], ..measurement.clone() }
 }
 
-/// The units of the clouds' coordinates: those of the first.
+/// The units of the clouds' coordinates; none where they differ.
 pub fn units(loaded: &Loaded) -> Units {
-    loaded.clouds.first().map(|entry| entry.units).unwrap_or_default()
+    Units::in_common(loaded.clouds.iter().map(|entry| entry.units))
 }
 
 impl Measurements {

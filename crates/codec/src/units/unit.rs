@@ -133,6 +133,15 @@ impl Unit {
 }
 
 impl Units {
+    /// The units of several clouds together, of which those that say nothing are taken to be in the units of the others.
+    /// Nothing is said where two of them differ.
+    pub fn in_common(all: impl IntoIterator<Item = Self>) -> Self {
+        let mut told = all.into_iter().filter(|units| *units != Self::default());
+        let Some(first) = told.next() else { return Self::default() };
+        let is_same = |other: Self| (other.level, other.rise()) == (first.level, first.rise());
+        if told.all(is_same) { first } else { Self::default() }
+    }
+
     /// The unit of all lengths, if the level ones and heights have the same.
     pub fn length(&self) -> Option<Unit> {
         let is_one = self.height.is_none() || self.height == self.level;
@@ -211,6 +220,18 @@ mod tests {
         assert_eq!(of("metre", Some(0.0)), None);
         assert_eq!(of("Clarke's foot", Some(0.3047972654)), Some(Unit::Other(0.3047972654)));
         assert_eq!(Unit::of_degrees(1.0_f64.to_radians() * 57.29578), Some(Unit::Degree));
+    }
+
+    #[test]
+    fn clouds_in_different_units_have_none_in_common() {
+        let units = |level, height| Units { level, height };
+        let (metre, feet, none) = (Some(Unit::Metre), Some(Unit::Foot), Units::default());
+        assert_eq!((Units::in_common([]), Units::in_common([none, none])), (none, none));
+        assert_eq!(Units::in_common([none, units(feet, None), none]), units(feet, None));
+        assert_eq!(Units::in_common([units(metre, None), units(metre, metre)]), units(metre, None));
+        for differing in [[units(feet, None), units(metre, None)], [units(metre, feet), units(metre, metre)]] {
+            assert_eq!(Units::in_common(differing), none);
+        }
     }
 
     #[test]
