@@ -206,6 +206,48 @@ fn every_method_shows_what_is_behind_glass() {
     }
 }
 
+#[test]
+fn the_ray_tracer_as_the_method_sees_through_glass_and_water() {
+    // It starts from a frame without reflections, which knows what is clear all the same.
+    let Some(mut studio) = studio() else { return };
+    let (followed, mut alone) = (settings("surfel_trace"), settings("none"));
+    let opaque = in_box(&studio, Shape::Sphere, 0.43, None, &followed);
+    for bounces in [1, 3] {
+        let mut followed = followed.clone();
+        (followed.reflection.bounces, alone.reflection.bounces) = (bounces, bounces);
+        let ball = in_box(&studio, Shape::Sphere, 0.43, Some(1.5), &followed);
+        let torus = in_box(&studio, Shape::Torus { tube: 0.4 }, 0.33, Some(1.5), &followed);
+        for (name, subject) in [("ball", ball), ("torus", torus), ("pool", pool(&studio, 1.33, &followed))] {
+            subject.render(&mut studio.renderer, &followed, SIZE).unwrap();
+            let [expected, index] =
+                [Aov::Color, Aov::Refraction].map(|aov| studio.renderer.read_aov(aov).unwrap().data);
+            // Kept frames know it as well.
+            for _ in 0..2 {
+                subject.render(&mut studio.renderer, &alone, SIZE).unwrap();
+                let own = studio.renderer.read_aov(Aov::Refraction).unwrap().data;
+                let off = (0..index.len()).filter(|pixel| own[*pixel].to_bits() != index[*pixel].to_bits());
+                assert_eq!(off.count(), 0, "{name}, {bounces}: pixels with another index of refraction");
+            }
+            let progress = Progress::default();
+            let traced = TracedScene::new(&subject.parts, None, alone.splat.size, &progress).unwrap();
+            let view = View { camera: &subject.camera, settings: &alone, objects: subject.objects(), size: SIZE };
+            let tracer = Tracer::new(&traced, view);
+            let mut drawn = tracer.drawn(&studio.renderer).unwrap();
+            tracer.ray_trace(&mut drawn, &progress).unwrap();
+            let clear: Vec<usize> = (0..index.len()).filter(|pixel| index[*pixel].abs() > 1.0).collect();
+            let of = |colors: &[[f32; 3]]| clear.iter().map(|pixel| colors[*pixel]).collect::<Vec<_>>();
+            let mut found = delta_e(&of(&drawn.color), &of(expected.as_chunks::<3>().0));
+            found.sort_unstable_by(f32::total_cmp);
+            let [median, p90] = [0.5, 0.9].map(|share| quantile(&found, share));
+            println!("{name}: median {median:.2}, 90th percentile {p90:.2} of {} pixels", found.len());
+            assert!(found.len() > 800 && median < 0.3 && p90 < 2.0, "{name}: {median}, {p90}");
+        }
+    }
+    opaque.render(&mut studio.renderer, &alone, SIZE).unwrap();
+    let index = studio.renderer.read_aov(Aov::Refraction).unwrap().data;
+    assert!(index.iter().all(|index| *index == 0.0 || index.is_nan()), "nothing is clear");
+}
+
 /// A square of points in z = `z`, `edge` wide.
 fn square(z: f64, edge: f64, step: f64, color: impl Fn(DVec3) -> [u8; 3]) -> Chunk {
     let count = (edge / step) as i32;

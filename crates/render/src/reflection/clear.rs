@@ -35,6 +35,16 @@ pub(crate) struct Onward {
     index: Image,
 }
 
+/// Makes the rays that go on from clear surfaces, and has those of the camera's.
+pub(crate) struct ClearSurface {
+    /// The mirror pixels of a surface, by which rays arrive.
+    arriving: MirrorSurface,
+    /// The rays that go through what the camera sees.
+    through: Onward,
+    /// Bound where there are no mirrors with a formula.
+    no_mirrors: wgpu::Buffer,
+}
+
 /// The ways of rays inside solids that something else lies in.
 struct Inside {
     /// The chunks whose points may lie in solids.
@@ -47,10 +57,7 @@ struct Inside {
 
 /// What is seen through clear surfaces, bounce by bounce.
 pub(crate) struct Clear {
-    /// The mirror pixels of a surface, by which rays arrive.
-    arriving: MirrorSurface,
-    /// The rays that go through what the camera sees.
-    through: Onward,
+    surface: ClearSurface,
     /// The rays that go on from what a bounce has found.
     later: Onward,
     /// `None` if solids are empty.
@@ -68,8 +75,6 @@ pub(crate) struct Clear {
     pub received: Image,
     /// Counts what these rays find, which no statistics report.
     counters: wgpu::Buffer,
-    /// Bound where there are no mirrors with a formula.
-    no_mirrors: wgpu::Buffer,
 }
 
 /// Whether light goes through something in the scene.
@@ -128,34 +133,18 @@ impl Onward {
     }
 }
 
-impl Clear {
-    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
-        let device = &gpu.device;
+impl ClearSurface {
+    pub fn new(device: &wgpu::Device, size: [u32; 2]) -> Self {
         Self {
             arriving: MirrorSurface::new(device, size),
             through: Onward::new(device, size),
-            later: Onward::new(device, size),
-            inside: None,
-            points: Image::new(device, size, "clear points found", wgpu::TextureFormat::R32Float),
-            knows_points: false,
-            bounces: Vec::new(),
-            found: MirrorGBuffer::new(device, size),
-            received: Image::new(device, size, "received", wgpu::TextureFormat::Rgba16Float),
-            counters: storage(device, "counters of clear surfaces", COUNTERS as u64 * 4),
             // A mirror that reaches nowhere.
             no_mirrors: storage(device, "no mirrors", size_of::<FormulaMirror>() as u64),
         }
     }
 
     pub fn bytes(&self) -> u64 {
-        let images = self.points.bytes()
-            + self.received.bytes()
-            + self.found.bytes()
-            + self.no_mirrors.size()
-            + self.counters.size();
-        let surfaces = self.arriving.bytes() + self.through.bytes() + self.later.bytes();
-        let inside = self.inside.as_ref().map_or(0, |inside| inside.onward.bytes() + inside.gather.bytes());
-        images + surfaces + inside + self.bounces.iter().map(Bounce::bytes).sum::<u64>()
+        self.arriving.bytes() + self.through.bytes() + self.no_mirrors.size()
     }
 
     /// The indices of refraction of the surfaces that the camera sees.
@@ -163,123 +152,19 @@ impl Clear {
         &self.through.index
     }
 
-    /// The indices of refraction of the surfaces from which the rays of `go_on` leave.
-    pub fn later_index(&self) -> &Image {
-        &self.later.index
-    }
-
-    /// Finds what is seen through clear surfaces. `points` has the index of refraction of the points that the camera
-    /// sees, if light goes through some.
-    ///
-    /// # Errors
-    /// A shader is refused, or there is no memory.
-    pub fn find(
-        &mut self,
-        recorder: &mut Recorder<'_>,
-        methods: &mut Methods,
-        search: &Search<'_>,
-        points: Option<&Image>,
-    ) -> Result<()> {
-        let Search { settings, store, mirrors, formulas, camera, .. } = search;
-        let method = method::behind_clear(settings);
-        let count = settings.reflection.bounces as usize;
-        let mut bounces = std::mem::take(&mut self.bounces);
-        while bounces.len() < count {
-            bounces.push(Bounce::new(&recorder.gpu.device, self.received.size()));
-        }
-        bounces.truncate(count);
-        let fading = Fading::new(recorder.gpu, search);
-        let asked = [fading.is_some(), false, weight::weighing(settings).is_some()];
-        bounces.iter_mut().for_each(|bounce| bounce.provide(&recorder.gpu.device, asked));
-        let eye = search.supply.camera;
-        let everything = store.draw_list(&eye, settings, method::supply_of(method));
-        let mut supply = Inputs::new(recorder.gpu, eye, settings, &everything);
-        // Rays beneath the water meet none of its points. Where there are solids, water is seen through them, and only
-        // the points near to the start of a ray are passed.
-        if !formula::exact(settings, mirrors).any(|mirror| formula::is_clear(mirror) && mirror.shape.is_closed()) {
-            supply.chunks.retain(|chunk| !store.is_clear(*chunk));
-        }
-        let (chunks, ways) = contents(search, &search.supply);
-        let kept = self.inside.take().filter(|_| ways > 0);
-        self.inside = kept.map(|kept| Inside { chunks: chunks.clone(), ways, ..kept }).or_else(|| {
-            let device = &recorder.gpu.device;
-            let size = self.received.size();
-            (ways > 0).then(|| Inside {
-                chunks,
-                ways,
-                onward: Onward::new(device, size),
-                gather: Gather::new(device, size),
-            })
-        });
-        for index in 0..count {
-            let (before, rest) = bounces.split_at(index);
-            let (before, bounce) = (before.last(), &rest[0]);
-            let surface = before.map_or(*camera, Bounce::surface);
-            let from = before.map_or(camera.position, |before| &before.mirror.point);
-            weight::weigh(recorder, &supply, settings, (surface, from), before, bounce)?;
-            let onward = match index {
-                0 => self.go_through(recorder, &supply, search, surface, points)?,
-                _ => self.go_on(recorder, &supply, search, (surface, from), bounce)?,
-            };
-            let task = Task {
-                supply: &supply,
-                settings,
-                store,
-                mirrors,
-                bounce: index,
-                camera: *camera,
-                mirror: &onward.rays,
-                normal: &onward.normal,
-                seen: &self.found,
-                formulas: formulas.as_ref(),
-                counters: &self.counters,
-            };
-            methods.run(recorder, method, &task, None)?;
-            self.take(recorder, &task, surface, index == 0, bounce)?;
-            let points = if index == 0 { points } else { self.known_points() };
-            self.look_inside(recorder, methods, search, &task, surface.normal, points, index > 0, bounce)?;
-            // What is seen through the camera's surfaces does not fade.
-            if let Some(fading) = fading.as_ref().filter(|_| index > 0) {
-                fading.measure(recorder, &supply, &onward.rays, Some(&onward.index), bounce)?;
-            }
-            self.knows_points = self.learn_points(recorder, methods, &task)?;
-        }
-        self.bounces = bounces;
-        Ok(())
-    }
-
-    /// Makes the rays that go through the camera's surface.
-    fn go_through(
-        &self,
-        recorder: &mut Recorder<'_>,
-        supply: &Inputs,
-        search: &Search<'_>,
-        surface: SurfaceImages<'_>,
-        points: Option<&Image>,
-    ) -> Result<&Onward> {
-        self.start(recorder, supply, search, surface, None, points, &self.through)?;
-        Ok(&self.through)
-    }
-
-    /// Makes the rays of `bounce`, which go on from the surface that the one before has found, seen from the points `from`.
+    /// Makes the rays that go through the camera's surface. `points` as in `Clear::find`.
     ///
     /// # Errors
     /// A shader is refused.
-    pub fn go_on(
+    pub fn go_through(
         &self,
         recorder: &mut Recorder<'_>,
         supply: &Inputs,
         search: &Search<'_>,
-        (surface, from): (SurfaceImages<'_>, &Image),
-        bounce: &Bounce,
+        points: Option<&Image>,
     ) -> Result<&Onward> {
-        self.start(recorder, supply, search, surface, Some((from, bounce)), self.known_points(), &self.later)?;
-        Ok(&self.later)
-    }
-
-    /// The index of refraction of the points that the bounce before has found, if it reports one.
-    pub fn known_points(&self) -> Option<&Image> {
-        self.knows_points.then_some(&self.points)
+        self.start(recorder, supply, search, search.camera, None, points, &self.through)?;
+        Ok(&self.through)
     }
 
     /// Makes rays; those of a bounce, which leave a surface that is seen from mirror points, are the only ones of their
@@ -339,6 +224,142 @@ impl Clear {
             [("has_points", u32::from(points.is_some())), ("is_only", u32::from(is_only)), ("inner_way", way)];
         recorder.by_rows(&switches, supply, bindings, supply.pixel_groups())
     }
+}
+
+impl Clear {
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
+        let device = &gpu.device;
+        Self {
+            surface: ClearSurface::new(device, size),
+            later: Onward::new(device, size),
+            inside: None,
+            points: Image::new(device, size, "clear points found", wgpu::TextureFormat::R32Float),
+            knows_points: false,
+            bounces: Vec::new(),
+            found: MirrorGBuffer::new(device, size),
+            received: Image::new(device, size, "received", wgpu::TextureFormat::Rgba16Float),
+            counters: storage(device, "counters of clear surfaces", COUNTERS as u64 * 4),
+        }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let images = self.points.bytes() + self.received.bytes() + self.found.bytes() + self.counters.size();
+        let surfaces = self.surface.bytes() + self.later.bytes();
+        let inside = self.inside.as_ref().map_or(0, |inside| inside.onward.bytes() + inside.gather.bytes());
+        images + surfaces + inside + self.bounces.iter().map(Bounce::bytes).sum::<u64>()
+    }
+
+    /// The indices of refraction of the surfaces that the camera sees.
+    pub fn index(&self) -> &Image {
+        self.surface.index()
+    }
+
+    /// The indices of refraction of the surfaces from which the rays of `go_on` leave.
+    pub fn later_index(&self) -> &Image {
+        &self.later.index
+    }
+
+    /// Finds what is seen through clear surfaces. `points` has the index of refraction of the points that the camera
+    /// sees, if light goes through some.
+    ///
+    /// # Errors
+    /// A shader is refused, or there is no memory.
+    pub fn find(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        methods: &mut Methods,
+        search: &Search<'_>,
+        points: Option<&Image>,
+    ) -> Result<()> {
+        let Search { settings, store, mirrors, formulas, camera, .. } = search;
+        let method = method::behind_clear(settings);
+        let count = settings.reflection.bounces as usize;
+        let mut bounces = std::mem::take(&mut self.bounces);
+        while bounces.len() < count {
+            bounces.push(Bounce::new(&recorder.gpu.device, self.received.size()));
+        }
+        bounces.truncate(count);
+        let fading = Fading::new(recorder.gpu, search);
+        let asked = [fading.is_some(), false, weight::weighing(settings).is_some()];
+        bounces.iter_mut().for_each(|bounce| bounce.provide(&recorder.gpu.device, asked));
+        let eye = search.supply.camera;
+        let everything = store.draw_list(&eye, settings, method::supply_of(method));
+        let mut supply = Inputs::new(recorder.gpu, eye, settings, &everything);
+        // Rays beneath the water meet none of its points. Where there are solids, water is seen through them, and only
+        // the points near to the start of a ray are passed.
+        if !formula::exact(settings, mirrors).any(|mirror| formula::is_clear(mirror) && mirror.shape.is_closed()) {
+            supply.chunks.retain(|chunk| !store.is_clear(*chunk));
+        }
+        let (chunks, ways) = contents(search, &search.supply);
+        let kept = self.inside.take().filter(|_| ways > 0);
+        self.inside = kept.map(|kept| Inside { chunks: chunks.clone(), ways, ..kept }).or_else(|| {
+            let device = &recorder.gpu.device;
+            let size = self.received.size();
+            (ways > 0).then(|| Inside {
+                chunks,
+                ways,
+                onward: Onward::new(device, size),
+                gather: Gather::new(device, size),
+            })
+        });
+        for index in 0..count {
+            let (before, rest) = bounces.split_at(index);
+            let (before, bounce) = (before.last(), &rest[0]);
+            let surface = before.map_or(*camera, Bounce::surface);
+            let from = before.map_or(camera.position, |before| &before.mirror.point);
+            weight::weigh(recorder, &supply, settings, (surface, from), before, bounce)?;
+            let onward = match index {
+                0 => self.surface.go_through(recorder, &supply, search, points)?,
+                _ => self.go_on(recorder, &supply, search, (surface, from), bounce)?,
+            };
+            let task = Task {
+                supply: &supply,
+                settings,
+                store,
+                mirrors,
+                bounce: index,
+                camera: *camera,
+                mirror: &onward.rays,
+                normal: &onward.normal,
+                seen: &self.found,
+                formulas: formulas.as_ref(),
+                counters: &self.counters,
+            };
+            methods.run(recorder, method, &task, None)?;
+            self.take(recorder, &task, surface, index == 0, bounce)?;
+            let points = if index == 0 { points } else { self.known_points() };
+            self.look_inside(recorder, methods, search, &task, surface.normal, points, index > 0, bounce)?;
+            // What is seen through the camera's surfaces does not fade.
+            if let Some(fading) = fading.as_ref().filter(|_| index > 0) {
+                fading.measure(recorder, &supply, &onward.rays, Some(&onward.index), bounce)?;
+            }
+            self.knows_points = self.learn_points(recorder, methods, &task)?;
+        }
+        self.bounces = bounces;
+        Ok(())
+    }
+
+    /// Makes the rays of `bounce`, which go on from the surface that the one before has found, seen from the points `from`.
+    ///
+    /// # Errors
+    /// A shader is refused.
+    pub fn go_on(
+        &self,
+        recorder: &mut Recorder<'_>,
+        supply: &Inputs,
+        search: &Search<'_>,
+        (surface, from): (SurfaceImages<'_>, &Image),
+        bounce: &Bounce,
+    ) -> Result<&Onward> {
+        let (later, points) = (Some((from, bounce)), self.known_points());
+        self.surface.start(recorder, supply, search, surface, later, points, &self.later)?;
+        Ok(&self.later)
+    }
+
+    /// The index of refraction of the points that the bounce before has found, if it reports one.
+    pub fn known_points(&self) -> Option<&Image> {
+        self.knows_points.then_some(&self.points)
+    }
 
     /// Puts what rays meet inside solids, on their way to where `task` has followed them from, before what they meet
     /// there. `points` and `is_only` are those of these rays.
@@ -359,7 +380,7 @@ impl Clear {
         let Some(Inside { chunks, ways, onward, gather }) = &self.inside else { return Ok(()) };
         // The first is the last that is put before others.
         for way in (1..=*ways).rev() {
-            self.leave(recorder, task.supply, search, normal, points, is_only, way, onward)?;
+            self.surface.leave(recorder, task.supply, search, normal, points, is_only, way, onward)?;
             let task = Task {
                 mirror: &onward.rays,
                 normal: &onward.normal,
@@ -399,7 +420,7 @@ impl Clear {
         is_through: bool,
         bounce: &Bounce,
     ) -> Result<()> {
-        let onward = if is_through { &self.through } else { &self.later };
+        let onward = if is_through { &self.surface.through } else { &self.later };
         let [albedo_in, normal_in, position_in] = self.found.bind();
         let [albedo_out, normal_out, position_out] = bounce.seen.bind();
         let bindings = passes::clear_depth {
@@ -451,7 +472,7 @@ impl Clear {
             seen_in: first.seen.position.bind(),
             reflected_in: received.unwrap_or(&first.blended).bind(),
             point_in: beyond.mirror.point.bind(),
-            direction_in: self.through.normal.bind(),
+            direction_in: self.surface.through.normal.bind(),
             beyond_in: beyond.seen.position.bind(),
             transmitted_in: beyond.blended.bind(),
             received_out: self.received.bind(),

@@ -45,7 +45,7 @@ pub(crate) mod weight;
 use scene::{MapFill, Method, Settings, Supply};
 
 pub(crate) use bounce::{Bounce, Part, Parts, Search};
-use clear::Clear;
+use clear::{Clear, ClearSurface};
 pub use cubemaps::MapCount;
 use fading::Fading;
 use footprint::Footprint;
@@ -129,6 +129,8 @@ pub(crate) struct Reflections {
     clear: Option<Clear>,
     /// Whether the last frame has some.
     has_clear: bool,
+    /// Those of a frame that follows no reflections.
+    clear_alone: Option<ClearSurface>,
     /// Whether the weights of the frame's glossy samples are still to be judged.
     weights_are_new: bool,
 }
@@ -185,6 +187,7 @@ impl Reflections {
             kept: KeptHits::default(),
             clear: None,
             has_clear: false,
+            clear_alone: None,
             weights_are_new: false,
         }
     }
@@ -434,10 +437,27 @@ impl Reflections {
         clear.find(recorder, &mut self.methods, search, points)
     }
 
-    /// Records the methods of the frame, and whether light goes through something in it. The images of methods that it
-    /// does not use are given up.
-    pub fn expect(&mut self, settings: &Settings, methods: &[Method], has_clear: bool) {
+    /// Looks up the clear surfaces that the camera sees, and follows no rays; `points` as in `Clear::find`.
+    ///
+    /// # Errors
+    /// A shader is refused.
+    pub fn look_at_clear(
+        &mut self,
+        recorder: &mut Recorder<'_>,
+        search: &Search<'_>,
+        points: Option<&Image>,
+    ) -> Result<()> {
+        let make = || ClearSurface::new(&recorder.gpu.device, self.size);
+        let clear = self.clear_alone.get_or_insert_with(make);
+        clear.go_through(recorder, &search.supply, search, points)?;
+        Ok(())
+    }
+
+    /// Records the methods of the frame, and whether light goes through something in it, with reflections or alone. The
+    /// images of methods that it does not use are given up.
+    pub fn expect(&mut self, settings: &Settings, methods: &[Method], [has_clear, has_clear_alone]: [bool; 2]) {
         self.has_clear = has_clear;
+        self.clear_alone = self.clear_alone.take().filter(|_| has_clear_alone);
         self.in_use = methods.to_vec();
         self.own = self.own.take().filter(|_| methods.len() > 1);
         let behind = if has_clear { behind_clear(settings) } else { Method::None };
@@ -458,7 +478,7 @@ impl Reflections {
 
     /// The indices of refraction of the surfaces that the camera sees, if light goes through any.
     pub fn refraction(&self) -> Option<&Image> {
-        self.clear().map(Clear::index)
+        self.clear().map(Clear::index).or(self.clear_alone.as_ref().map(ClearSurface::index))
     }
 
     /// Adds what the camera's mirrors show by the sample of `inputs`, whose bounces are shaded; `is_glossy` if its rays are.
@@ -560,6 +580,7 @@ impl Reflections {
 
     pub fn bytes(&self) -> u64 {
         let gloss = self.gloss.as_ref().map_or(0, Gloss::bytes) + self.clear.as_ref().map_or(0, Clear::bytes);
+        let gloss = gloss + self.clear_alone.as_ref().map_or(0, ClearSurface::bytes);
         let gloss = gloss + self.own.as_ref().map_or(0, OwnMethods::bytes);
         let gloss = gloss + self.footprint.as_ref().map_or(0, Footprint::bytes) + self.kept.bytes();
         self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.methods.bytes() + self.doubt.bytes() + gloss

@@ -100,10 +100,14 @@ pub(super) fn mirrors(
     reflections: &mut Reflections,
 ) -> Result<()> {
     let Plan { store, settings, .. } = plan;
-    reflections.expect(settings, &plan.methods, plan.has_clear);
-    if let Some(search) = search.as_deref().filter(|_| plan.has_clear && !plan.is_kept) {
+    reflections.expect(settings, &plan.methods, [plan.has_clear, plan.has_clear_alone]);
+    if let Some(search) = search.as_deref().filter(|_| !plan.is_kept) {
         let points = targets.clear_points.as_ref().filter(|_| store.has_clear_points(settings));
-        reflections.look_through(recorder, search, points)?;
+        if plan.has_clear {
+            reflections.look_through(recorder, search, points)?;
+        } else if plan.has_clear_alone {
+            reflections.look_at_clear(recorder, search, points)?;
+        }
     }
     if !plan.has_mirrors {
         reflections.none();

@@ -162,6 +162,8 @@ pub(super) struct Plan<'a> {
     pub has_mirrors: bool,
     /// Whether light goes through something in the picture.
     pub has_clear: bool,
+    /// Whether something is clear in a picture whose mirrors are not followed.
+    pub has_clear_alone: bool,
     /// The number of samples of mirrors that are summed; 0 if each mirror pixel has one ray.
     pub samples: u32,
     /// Whether a mirror's own light depends on what its rays meet.
@@ -213,7 +215,8 @@ impl<'a> Plan<'a> {
         let surface_is_kept = made_from.is_some_and(|made| made.has_surface_of(&asked));
         let points_are_kept = settings.reflection.keep && before.splatted_from == Some(&asked.points);
 
-        let has_mirrors = Reflections::asked(settings) > 0 && !camera_with_mirrors.mirror_tiles.is_empty();
+        let may_show_mirrors = !camera_with_mirrors.mirror_tiles.is_empty();
+        let has_mirrors = Reflections::asked(settings) > 0 && may_show_mirrors;
         let mut lights = Lights::mapped(settings, objects, camera, frame.size, bounds);
         if effort.is_moving() && lights.first().is_some_and(|light| light.camera.orthographic) {
             lights.truncate(1);
@@ -225,7 +228,8 @@ impl<'a> Plan<'a> {
             near: Region::seen(camera, settings, frame.size, bounds),
         });
         let has_indirect = GlobalIllumination::is_asked(settings, &lights, sky);
-        let has_clear = has_mirrors && reflection::clear::is_there(settings, store, objects.mirrors);
+        let is_clear_there = may_show_mirrors && reflection::clear::is_there(settings, store, objects.mirrors);
+        let (has_clear, has_clear_alone) = (has_mirrors && is_clear_there, !has_mirrors && is_clear_there);
         if has_mirrors {
             check(settings, &methods, has_clear, asked.rays.glossy > 0)?;
         }
@@ -246,6 +250,7 @@ impl<'a> Plan<'a> {
             lacks_points: before.lacks_points,
             has_mirrors,
             has_clear,
+            has_clear_alone,
             samples: if has_mirrors { asked.rays.summed() } else { 0 },
             fades: asked.fades && has_mirrors,
             has_indirect,
@@ -267,9 +272,9 @@ impl<'a> Plan<'a> {
         self.is_sampled() && self.asked.rays.glossy > 0
     }
 
-    /// Whether rays of mirrors are searched for the frame.
+    /// Whether rays of mirrors are searched for the frame, or clear surfaces looked up.
     pub fn searches(&self) -> bool {
-        self.is_sampled() || self.has_mirrors && !self.is_kept
+        self.is_sampled() || (self.has_mirrors || self.has_clear_alone) && !self.is_kept
     }
 
     /// Whether the camera's surface can be shaded only after all rays of its mirrors, because their share of light
