@@ -498,6 +498,23 @@ fn the_ray_tracer_as_a_method_is_its_own_truth() {
 }
 
 #[test]
+fn the_ray_tracer_as_a_method_is_exposed_for_what_it_has_found() {
+    let folder = Folder::new();
+    let stops = |method: &str| {
+        let words = format!("--method {method} --set tone.fit=always --stats stats.json --aov color=color.exr");
+        render_sphere(&folder, &words).map(|_| number(&stats(&folder)["exposure"]))
+    };
+    let (Some(traced), Some(found), Some(bare)) = (stops("ray_trace"), stops("surfel_trace"), stops("none")) else {
+        return;
+    };
+    assert!((traced - found).abs() < 0.05, "{traced} instead of {found}");
+    assert!((traced - bare).abs() > 0.1, "{bare} without reflections is too close to tell anything");
+    // A fit that is not asked for is not made.
+    render_sphere(&folder, "--method ray_trace --set tone.fit=locked --stats stats.json");
+    assert!(stats(&folder)["exposure"].is_null());
+}
+
+#[test]
 fn points_are_traced_in_the_colours_and_the_light_that_they_are_drawn_in() {
     let folder = Folder::new();
     for color in ["rgb", "height", "normal", "plain"] {

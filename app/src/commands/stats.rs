@@ -221,6 +221,7 @@ impl Stats {
             let (name, stage) = (truth::RAY_TRACE, PassStage::Method.name());
             self.passes.push(PassStats { name, stage, ms: method.milliseconds });
             self.frame_ms += method.milliseconds;
+            self.exposure = method.exposure;
             (self.coverage, self.closed_coverage) = (method.coverage, method.coverage);
             self.bounces = method.bounces;
         }

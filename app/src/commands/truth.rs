@@ -174,6 +174,8 @@ impl Outcome {
 pub struct MethodFigures {
     /// The time to trace and light what the mirror pixels show, over all bounces, on all cores.
     pub milliseconds: f64,
+    /// The stops that were fitted to the picture with its reflections, if any were.
+    pub exposure: Option<f32>,
     /// The share of mirror pixels whose ray meets a point; `None` if no reflections are followed.
     pub coverage: Option<f64>,
     pub bounces: u32,
@@ -208,11 +210,11 @@ pub fn trace(
     let first = if asked.is_method {
         let progress = Progress::default();
         let traced = progress_bar::watch("tracing", &progress, || tracer.ray_trace(&mut drawn, &progress))?;
-        renderer.present(settings, &drawn.color)?;
+        let exposure = renderer.present(settings, &drawn.color, true)?.map(|exposure| exposure.stops);
         let mirrors = drawn.surface.mirror.iter().filter(|mirror| **mirror > 0.0).count();
         let coverage = traced.first.iter().flatten().count() as f64 / mirrors.max(1) as f64;
         let coverage = (bounces > 0).then_some(coverage);
-        outcome.method = Some(MethodFigures { milliseconds: traced.milliseconds, coverage, bounces });
+        outcome.method = Some(MethodFigures { milliseconds: traced.milliseconds, exposure, coverage, bounces });
         let images = [Aov::MirrorPosition, Aov::MirrorAlbedo, Aov::MirrorNormal];
         let images = images.into_iter().filter_map(|aov| Some((aov, tracer.mirror_image(aov, &traced.first, origin)?)));
         outcome.images = images.collect();

@@ -12,7 +12,7 @@ use crate::inputs::Inputs;
 use crate::layout::{Adaptation, EXPOSURE_BINS, EXPOSURE_COUNT_BYTES, FittedExposure};
 use crate::passes;
 use crate::recorder::Recorder;
-use crate::targets::{Targets, storage, uniform_buffer};
+use crate::targets::{Image, Targets, storage, uniform_buffer};
 
 /// The exposure of the last frame that was fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +21,12 @@ pub struct Exposure {
     pub stops: f32,
     /// Whether the exposure is on its way to the one that fits (`Effort::exposure_share`).
     pub adapts: bool,
+}
+
+impl From<FittedExposure> for Exposure {
+    fn from(fitted: FittedExposure) -> Self {
+        Self { stops: fitted.stops, adapts: fitted.adapts != 0 }
+    }
 }
 
 /// The buffers that a fit works on.
@@ -49,7 +55,7 @@ impl ExposureMeter {
         }
     }
 
-    /// Fits the exposure to the frame's colours, and gives it to the passes that follow. The exposure goes this share
+    /// Fits the exposure to colours of the frame, and gives it to the passes that follow. The exposure goes this share
     /// of the way from that of the last frame to the one that fits, or all of it for `None`.
     ///
     /// # Errors
@@ -58,12 +64,12 @@ impl ExposureMeter {
         &mut self,
         recorder: &mut Recorder<'_>,
         inputs: &Inputs,
-        targets: &Targets,
+        (color, targets): (&Image, &Targets),
         share: Option<f32>,
     ) -> Result<()> {
         recorder.clear(&self.histogram);
         let bindings = passes::exposure_histogram {
-            color_in: targets.color.bind(),
+            color_in: color.bind(),
             depth_in: targets.surface().depth.bind(),
             histogram: self.histogram.as_entire_binding(),
         };

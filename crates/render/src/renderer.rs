@@ -338,8 +338,7 @@ impl Renderer {
         (self.camera, self.splatted_from) = (Some(plan.camera), Some(plan.asked.points.clone()));
         self.made_from = Some(plan.asked);
         self.is_unfinished = false;
-        let exposure = self.handed.exposure()?.filter(|_| self.exposure.is_used);
-        let exposure = exposure.map(|fitted| Exposure { stops: fitted.stops, adapts: fitted.adapts != 0 });
+        let exposure = self.handed.exposure()?.filter(|_| self.exposure.is_used).map(Exposure::from);
         Ok(FrameStats { exposure, ..stats })
     }
 
@@ -361,11 +360,17 @@ impl Renderer {
     }
 
     /// Makes the last frame's picture anew from other colours: linear red, green and blue of each pixel, rows top to
-    /// bottom. `settings` are those of the frame.
+    /// bottom. `settings` are those of the frame. If its exposure was fitted, the picture has that one, or with
+    /// `fits_exposure` the one that fits these colours, which is returned.
     ///
     /// # Errors
     /// Nothing was rendered yet, not a colour for each pixel, or the device was lost.
-    pub fn present(&mut self, settings: &Settings, color: &[[f32; 3]]) -> Result<()> {
+    pub fn present(
+        &mut self,
+        settings: &Settings,
+        color: &[[f32; 3]],
+        fits_exposure: bool,
+    ) -> Result<Option<Exposure>> {
         let camera = self.camera.ok_or_else(nothing_rendered)?;
         let Self { gpu, targets: Some(targets), reflections: Some(reflections), .. } = self else {
             return Err(nothing_rendered());
@@ -384,10 +389,18 @@ impl Renderer {
         let inputs = Inputs::new(gpu, camera, &settings, &DrawList::default());
         let mut recorder = Recorder::new(gpu, &mut self.pipelines, &settings);
         let switches = [("is_filmic", u32::from(self.is_filmic))];
-        self.exposure.give(&mut recorder, &inputs);
+        // The next frame goes on from the exposure of the last one.
+        let mut anew = ExposureMeter::new(gpu);
+        let exposure = if fits_exposure && self.exposure.is_used {
+            anew.fit(&mut recorder, &inputs, (&image, targets), None)?;
+            &anew
+        } else {
+            self.exposure.give(&mut recorder, &inputs);
+            &self.exposure
+        };
         recorder.over_pixels(&switches, &inputs, targets.presented(&image))?;
-        recorder.finish_frame(&mut self.handed, &reflections.counters, &self.exposure.fitted, &targets.picture)?;
-        Ok(())
+        recorder.finish_frame(&mut self.handed, &reflections.counters, &exposure.fitted, &targets.picture)?;
+        Ok(self.handed.exposure()?.filter(|_| exposure.is_used).map(Exposure::from))
     }
 
     fn resize(&mut self, size: [u32; 2], quality: Quality) -> Result<()> {

@@ -86,9 +86,33 @@ fn a_locked_exposure_of_the_same_stops_is_the_same_picture() {
         // What the ray tracer would have seen is mapped alike.
         let (_, fitted) = render(&mut stage, &store, &by_sun(&by));
         let image = stage.renderer.read_aov(Aov::Color).unwrap();
-        stage.renderer.present(&by_sun(&by), image.data.as_chunks::<3>().0).unwrap();
-        assert!(stage.renderer.read_picture().unwrap() == fitted);
+        for fits in [false, true] {
+            let exposure = stage.renderer.present(&by_sun(&by), image.data.as_chunks::<3>().0, fits).unwrap();
+            assert!(exposure.unwrap().stops.to_string() == stops && stage.renderer.read_picture().unwrap() == fitted);
+        }
     }
+}
+
+#[test]
+fn other_colours_of_a_frame_have_its_exposure_or_the_one_that_fits_them() {
+    let mut stage = stage_or_skip!();
+    let store = store_of(&stage, vec![floor()], Material::default());
+    let by = by_sun(&[&ALONG[..], &[("sun.irradiance", "0.3")]].concat());
+    let (stats, picture) = render(&mut stage, &store, &by);
+    let stops = stats.exposure.unwrap().stops;
+    // Four times as bright, which is two stops.
+    let image = stage.renderer.read_aov(Aov::Color).unwrap().data;
+    let brighter: Vec<[f32; 3]> = image.as_chunks::<3>().0.iter().map(|color| color.map(|value| value * 4.0)).collect();
+    for (fits, expected) in [(true, stops - 2.0), (false, stops), (true, stops - 2.0)] {
+        let exposure = stage.renderer.present(&by, &brighter, fits).unwrap().unwrap();
+        assert!(!exposure.adapts && (f64::from(exposure.stops - expected)).abs() <= BIN, "{exposure:?}, {expected}");
+        let brightness = |picture: &[u8]| picture.iter().map(|value| u64::from(*value)).sum::<u64>() as f64;
+        let share = brightness(&stage.renderer.read_picture().unwrap()) / brightness(&picture);
+        assert!(if fits { (share - 1.0).abs() < 0.02 } else { share > 1.05 }, "{fits}: {share}");
+    }
+    let locked = by_sun(&[&ALONG[..], &[("tone.fit", "locked")]].concat());
+    render(&mut stage, &store, &locked);
+    assert!(stage.renderer.present(&locked, &brighter, true).unwrap().is_none());
 }
 
 #[test]

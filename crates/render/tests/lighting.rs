@@ -187,7 +187,7 @@ fn tone_mapping_is_its_formula_and_leaves_the_background_alone() {
             stage.renderer.render(&store, &Frame::new(&camera(), &settings, objects, SIZE)).unwrap();
             let (color, picture) = (read(&stage, Aov::Color), stage.renderer.read_picture().unwrap());
             let texels: Vec<[f32; 3]> = color.iter().map(|color| color.as_vec3().to_array()).collect();
-            stage.renderer.present(&settings, &texels).unwrap();
+            stage.renderer.present(&settings, &texels, false).unwrap();
             assert!(
                 stage.renderer.read_picture().unwrap() == picture,
                 "{curve} {exposure}: traced colours are mapped alike"

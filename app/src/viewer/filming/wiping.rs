@@ -213,7 +213,7 @@ impl Wiping {
                 match (job, colors) {
                     (Some(job), Some(colors)) => {
                         let (request, colors) = (Box::new(request), Arc::new(colors));
-                        outside.render(Command::Present { request, colors, pass: PASS });
+                        outside.render(Command::Present { request, colors, pass: PASS, fits_exposure: true });
                         job.stage = Stage::Presented;
                     }
                     (Some(_), None) => self.job = None,

@@ -106,7 +106,8 @@ impl Headless {
         let progress = Progress::default();
         let colors = progress_bar::watch_unseen(&progress, || request.ray_traced(&scene, drawn, &progress));
         interrupt::check()?;
-        let present = Command::Present { request: Box::new(request), colors: Arc::new(colors?), pass: 0 };
+        let (request, colors) = (Box::new(request), Arc::new(colors?));
+        let present = Command::Present { request, colors, pass: 0, fits_exposure: true };
         let take = |report| if let Report::Presented { rgba, .. } = report { Ok(rgba) } else { Err(report) };
         let rgba = self.answer(present, take)?;
         Ok(Some(Picture { camera, revision, rgba, images: Vec::new() }))

@@ -68,11 +68,13 @@ pub enum Command {
         request: Box<FrameRequest>,
         seed: u64,
     },
-    /// Makes a picture of a frame from other colours: linear red, green and blue. `pass` identifies the answer.
+    /// Makes a picture of a frame from other colours: linear red, green and blue. `pass` identifies the answer, and
+    /// `fits_exposure` has the meaning of the parameter of `Renderer::present`.
     Present {
         request: Box<FrameRequest>,
         colors: Arc<Vec<[f32; 3]>>,
         pass: u32,
+        fits_exposure: bool,
     },
 }
 

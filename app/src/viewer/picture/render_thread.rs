@@ -432,9 +432,9 @@ impl Worker {
                 let stats = Box::new(self.render(&request, None)?);
                 report(Report::Measured { request, stats });
             }
-            Command::Present { request, colors, pass } => {
+            Command::Present { request, colors, pass, fits_exposure } => {
                 self.hold(&request, false)?;
-                self.renderer.present(&request.settings, &colors)?;
+                self.renderer.present(&request.settings, &colors, fits_exposure)?;
                 self.held = self.held.take().map(|(request, _)| (request, false));
                 let rgba = self.renderer.read_picture()?;
                 report(Report::Presented { request, pass, rgba });

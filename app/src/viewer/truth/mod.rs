@@ -240,7 +240,8 @@ impl TruthView {
         if self.presenting.is_none() && self.presented.as_ref().is_none_or(|(known, _)| *known != label) {
             self.presenting = Some(label);
             let (request, colors) = (Box::new(request.clone()), colors.clone());
-            outside.render(Command::Present { request, colors, pass });
+            // The truth is as bright as the frame beside it.
+            outside.render(Command::Present { request, colors, pass, fits_exposure: false });
         }
         let measure = self.measure;
         // Positions stay the same while colours become finer.
