@@ -484,6 +484,57 @@ fn the_exposure_of_a_path_is_that_of_its_keyframes_and_goes_evenly_between_them(
     assert!(bytes(folder.path("tour/frame-000001.png")) == bytes(folder.path("still.png")), "{between}");
 }
 
+#[test]
+fn tracks_and_states_of_a_wipe_add_their_exposure_to_the_one_that_fits() {
+    let folder = Folder::new();
+    // Without colours the hills get a sun, and the exposure fits; a sun that is asked for has none.
+    let grey = hills(20_000);
+    let end = grey.windows(10).position(|word| word == b"end_header").expect("a header");
+    let text = String::from_utf8_lossy(&grey[..end]).replace("uchar red", "uchar a").replace("uchar green", "uchar b");
+    folder.write("grey.ply", [text.replace("uchar blue", "uchar c").as_bytes(), &grey[end..]].concat());
+    let scene = |light: &str, more: &str| {
+        let keyframe = |time: u32| format!("[[paths.keyframes]]\ntime = {time}.0\n{FIRST_EYE}");
+        let keyframes = [keyframe(0), keyframe(1)].concat();
+        format!(
+            "clouds = [\"grey.ply\"]\n[camera]\n{FIRST_EYE}[parameters]\n\"gi.bounces\" = 0\n\"light.by\" = \"{light}\"\n\
+             [[paths]]\nname = \"still\"\n{keyframes}{more}"
+        )
+    };
+    let track =
+        "[[paths.tracks]]\nkey = \"tone.exposure\"\ntimes = [0.0, 1.0]\nvalues = [0.5, -1.5]\nease = \"linear\"\n";
+    let states = |own: &str| format!("[[paths.states]]\n[[paths.states]]\nparameters = {{ {own} }}\n");
+    let render = |words: &str| {
+        let rendered = folder.glint_within(PATIENCE, format!("render a.toml -o a.png --size 96x64 {words}").split(' '));
+        let is_fine = !lacks_adapter(&rendered);
+        is_fine.then(|| {
+            assert_eq!(rendered.status, Some(0), "{rendered}");
+            image::open(folder.path("a.png")).expect("a picture").into_rgba8()
+        })
+    };
+    let own_locked = "\"tone.fit\" = \"locked\", \"tone.exposure\" = -1.0";
+    for light in ["auto", "sun"] {
+        for (more, time, own) in [
+            (track.to_owned(), "0", "--set tone.exposure=0.5"),
+            (track.to_owned(), "0.75", "--set tone.exposure=-1"),
+            (states("\"tone.exposure\" = -1.0"), "0.5", "--set tone.exposure=-1"),
+            (states(own_locked), "0.5", "--set tone.fit=locked --set tone.exposure=-1"),
+        ] {
+            folder.write("a.toml", scene(light, &more));
+            let Some(made) = render(&format!("--path still --time {time}")) else { return };
+            let (Some(plain), Some(set)) = (render("--set tone.exposure=0"), render(own)) else { return };
+            assert!(plain != set, "{own} shows nothing");
+            let left = if more.starts_with("[[paths.states]]") { 48 } else { 0 };
+            // The stops are sums, which round.
+            let is_off = |(x, y, pixel): (u32, u32, &image::Rgba<u8>)| {
+                let expected = if x < left { &plain } else { &set }.get_pixel(x, y);
+                pixel.0.iter().zip(expected.0).any(|(value, expected)| value.abs_diff(expected) > 1)
+            };
+            let off = made.enumerate_pixels().filter(|pixel| is_off(*pixel)).count();
+            assert_eq!(off, 0, "{light}, {own}: pixels of another brightness");
+        }
+    }
+}
+
 /// Without names nothing is drawn over the states, so each part is that of the picture which the state alone gives.
 #[test]
 fn a_wipe_shows_parts_of_the_pictures_of_its_states_to_the_bit() {

@@ -248,7 +248,7 @@ pub struct Recorder {
     /// The time of the path's beginning on the clock that the viewer is given. The clock advances with the path and
     /// not with real time.
     start: Instant,
-    /// The exposures that fit the keyframes, as far as they are known.
+    /// The stops that are fitted to the keyframes, as far as they are known.
     fitted: BTreeMap<usize, f32>,
 }
 
@@ -381,8 +381,8 @@ impl Recorder {
         self.start + Duration::from_secs_f64(time)
     }
 
-    /// Gives the picture at a time the exposures that fit the keyframes before and after it, mixed by time, so that the
-    /// exposure does not jump with what comes into view.
+    /// Gives the picture at a time the stops that are fitted to the keyframes before and after it, mixed by time, so that
+    /// the exposure does not jump with what comes into view. Those of `tone.exposure` are added.
     fn expose(&mut self, time: f64, bar: &Bar) -> anyhow::Result<()> {
         self.pose(time)?;
         if self.viewer.tone.fit == ExposureFit::Locked {
@@ -397,7 +397,7 @@ impl Recorder {
                 Some(known) => *known,
                 None => {
                     self.pose(times[index])?;
-                    self.viewer.exposure(self.motion.camera(times[index]), self.now(time), bar)?
+                    self.viewer.fitted_stops(self.motion.camera(times[index]), self.now(time), bar)?
                 }
             };
             self.fitted.insert(index, *stops);
@@ -405,7 +405,7 @@ impl Recorder {
         self.pose(time)?;
         let [from, to] = around.map(|index| times[index]);
         let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) as f32 } else { 0.0 };
-        self.viewer.lock_exposure((stops[0] + (stops[1] - stops[0]) * share).clamp(-10.0, 10.0));
+        self.viewer.lock_exposure(stops[0] + (stops[1] - stops[0]) * share);
         Ok(())
     }
 }

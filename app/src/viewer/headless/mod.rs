@@ -44,6 +44,8 @@ pub struct Headless {
     told: usize,
     /// The tone that the scene asks for now.
     pub tone: Tone,
+    /// The stops of `lock_exposure`, if the pictures have them.
+    locked: Option<f32>,
     /// The scene that was last prepared for the ray tracer.
     traced: Option<(SceneKey, Arc<TracedScene>)>,
     /// What the states of the last picture were drawn from, if it shows several.
@@ -129,6 +131,7 @@ impl Headless {
             status: 0,
             told: 0,
             tone,
+            locked: None,
             traced: None,
             states: Vec::new(),
             made: Vec::new(),
@@ -263,24 +266,25 @@ impl Headless {
     /// A track names nothing in the scene, or gives it a value that it cannot have: with the number of the track.
     pub fn pose(&mut self, path: &CameraPath, time: f64) -> Result<(), (usize, String)> {
         self.session.scene.pose(path, time)?;
-        self.tone = self.session.scene.settings.tone.clone();
+        (self.tone, self.locked) = (self.session.scene.settings.tone.clone(), None);
         Ok(())
     }
 
-    /// Returns the exposure of the final picture that the camera sees: the one that fits it, or the scene's if none is
-    /// fitted. `now` and `bar` have the meaning of those of `settle`.
+    /// Returns the stops that are fitted to the final picture that the camera sees, without those of `tone.exposure`; 0
+    /// if none are fitted. `now` and `bar` have the meaning of those of `settle`.
     ///
     /// # Errors
     /// Those of `settle`.
-    pub fn exposure(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<f32> {
+    pub fn fitted_stops(&mut self, camera: Camera, now: Instant, bar: &Bar) -> anyhow::Result<f32> {
         self.settle(Some(camera), now, bar)?;
         let fitted = self.session.frames.shown.as_ref().and_then(|shown| shown.stats.exposure);
-        Ok(fitted.map_or(self.tone.exposure, |fitted| fitted.stops))
+        Ok(fitted.map_or(0.0, |fitted| fitted.stops - self.tone.exposure))
     }
 
-    /// Gives the pictures that follow this exposure.
+    /// Gives the pictures that follow these stops and those of `tone.exposure`, until the next pose.
     pub fn lock_exposure(&mut self, stops: f32) {
-        self.session.scene.settings.tone = Tone { fit: ExposureFit::Locked, exposure: stops, ..self.tone.clone() };
+        self.locked = Some(stops);
+        lock(&mut self.session.scene.settings.tone, stops);
     }
 
     /// Puts the camera where a recording has it at time `now`, without a hurried frame. Streamed clouds load at once.
@@ -385,6 +389,11 @@ impl Headless {
             None => bar.update(&job.progress),
         }
     }
+}
+
+/// Adds stops to an exposure, which is fitted to no picture any more.
+fn lock(tone: &mut Tone, stops: f32) {
+    (tone.fit, tone.exposure) = (ExposureFit::Locked, tone.exposure + stops);
 }
 
 impl Drop for Headless {

@@ -11,7 +11,7 @@ use cloud::{PointTest, Progress};
 use scene::{Camera, Mirror, Profile, RAY_TRACE, Settings, SpotLight, WipeState};
 use study::TracedScene;
 
-use super::{Headless, Over, PictureStats};
+use super::{Headless, Over, PictureStats, lock};
 use crate::overlays;
 use crate::system::interrupt;
 use crate::system::progress_bar::{self, Bar};
@@ -22,9 +22,13 @@ use crate::viewer::session::Session;
 use crate::viewer::truth::traced_points;
 use crate::viewer::truth::view::{MOST_POINTS, too_many_points};
 
+/// The parameter that says whether an exposure is fitted.
+const FIT_KEY: &str = "tone.fit";
+
 impl Headless {
     /// Returns the picture in which each state has its columns, with the overlays of each state in its part, and the
-    /// captions, lines and names that are to be drawn over all. States differ from the settings that the scene has now.
+    /// captions, lines and names that are to be drawn over all. States differ from the settings that the scene has now,
+    /// and share an exposure that is locked, unless they have a `tone.fit` of their own.
     /// `camera`, `now` and `bar` have the meaning of those of `picture`.
     ///
     /// # Errors
@@ -43,9 +47,14 @@ impl Headless {
         let mut rgba = vec![0; width as usize * height as usize * 4];
         let (mut revision, mut made) = (0, Vec::new());
         for (index, columns) in parts {
-            self.session.scene.settings.clone_from(&own);
-            states[*index].apply(&mut self.session.scene.settings)?;
-            let Some(state) = self.state(&states[*index], camera, now, bar)? else { return Ok(None) };
+            let (state, settings) = (&states[*index], &mut self.session.scene.settings);
+            settings.clone_from(&own);
+            settings.tone.clone_from(&self.tone);
+            state.apply(settings)?;
+            if let Some(stops) = self.locked.filter(|_| !state.parameters.contains_key(FIT_KEY)) {
+                lock(&mut settings.tone, stops);
+            }
+            let Some(state) = self.state(state, camera, now, bar)? else { return Ok(None) };
             copy_columns(&mut rgba, &state.picture.rgba, columns, width);
             revision = state.picture.revision;
             self.states.push(state.stats.clone());
