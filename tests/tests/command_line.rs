@@ -152,6 +152,19 @@ fn an_output_that_cannot_be_written_is_a_failure_of_the_work() {
     }
 }
 
+#[test]
+fn a_picture_by_class_stays_one_where_hidden_classes_leave_one() {
+    let folder = Folder::new();
+    let point = |at: usize| format!("{} {} {} {}\n", at % 10, at / 10, at % 7, [1, 2, 9][at % 3]);
+    let points: String = (0..90).map(point).collect();
+    let header = "ply\nformat ascii 1.0\nelement vertex 90\nproperty float x\nproperty float y\nproperty float z\n";
+    folder.write("kinds.ply", format!("{header}property uchar classification\nend_header\n{points}"));
+    folder.write("ground.toml", "clouds = [\"kinds.ply\"]\n[visibility]\nhidden_classes = [1, 9]\n");
+    let Some(outcome) = render(&folder, &["ground.toml", "--set", "color.by=class"]) else { return };
+    assert_done(&outcome);
+    assert!(!outcome.messages.contains("classification"), "{outcome}");
+}
+
 const THREE_POINTS: &str = "ply
 format ascii 1.0
 element vertex 3

@@ -488,7 +488,7 @@ fn upload(
     if color.by == ColorBy::Certainty {
         surface_error::find(loaded)?;
     }
-    let plan_of = |loaded: &Assembly| ColorPlan::new(&loaded.cloud.shown(test), &color, loaded.up);
+    let plan_of = |loaded: &Assembly| ColorPlan::of_shown(&loaded.cloud, &loaded.cloud.shown(test), &color, loaded.up);
     let (mut plan, mut warning) = plan_of(loaded);
     if let (Some(attribute), Some(source)) = (plan.missing_column(&loaded.cloud), loaded.source.clone()) {
         let progress = Progress::default();

@@ -74,6 +74,12 @@ impl ColorPlan {
     /// Resolves `auto`, and falls back to it, with a warning, if a cloud lacks what the setting asks for. `up` decides
     /// along which axis heights are measured.
     pub fn new(cloud: &Cloud, color: &Color, up: DVec3) -> (Self, Option<String>) {
+        Self::of_shown(cloud, cloud, color, up)
+    }
+
+    /// The same where only a part of a cloud is shown. The whole decides whether it has what the setting asks for, so
+    /// that a chosen source stays whatever is hidden; `auto` and the ends of the ramp go by what is shown.
+    pub fn of_shown(cloud: &Cloud, shown: &Cloud, color: &Color, up: DVec3) -> (Self, Option<String>) {
         let has_colors = cloud.chunks.iter().any(|chunk| chunk.colors.is_some());
         let mut warning = None;
         let mut lacks = |what: String| {
@@ -125,19 +131,20 @@ impl ColorPlan {
             constant.is_none() && !is_empty
         });
         let intensity = cloud.column_of("intensity");
-        let source = match wanted.unwrap_or_else(|| automatic(cloud, has_colors, intensity, up)) {
-            ColorSource::Rgb if color.blank == Blank::Auto && has_blanks(cloud) => {
+        let source = match wanted.unwrap_or_else(|| automatic(shown, has_colors, intensity, up)) {
+            ColorSource::Rgb if color.blank == Blank::Auto && has_blanks(shown) => {
                 // The floats that meshes and reconstructions call intensity are rarely brightness.
-                let is_brightness = |index: &usize| cloud.grid.is_some() && varies(cloud, *index);
+                let is_brightness = |index: &usize| cloud.grid.is_some() && varies(shown, *index);
                 ColorSource::RgbOr(intensity.filter(is_brightness))
             }
             source => source,
         };
         let range =
-            |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&cloud.chunks, scalar, low, high));
+            |low, high| scalar_of(source, up).and_then(|scalar| percentile_range(&shown.chunks, scalar, low, high));
         let is_wide = |(low, high): &(f64, f64)| low < high;
         // Where few points differ from all others, the percentiles are one value, and the ramp would show none of them.
-        let all = || scalar_of(source, up).and_then(|scalar| value_range(&cloud.chunks, scalar)).unwrap_or((0.0, 1.0));
+        let all_of = |cloud: &Cloud| scalar_of(source, up).and_then(|scalar| value_range(&cloud.chunks, scalar));
+        let all = || all_of(shown).filter(is_wide).or_else(|| all_of(cloud)).unwrap_or((0.0, 1.0));
         let full_range = range(0.001, 0.999).filter(is_wide).unwrap_or_else(all);
         let [least, most] = [color.low.min(color.high), color.low.max(color.high)].map(f64::from);
         let (low, high) = range(least, most).filter(is_wide).unwrap_or(full_range);

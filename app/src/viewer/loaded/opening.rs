@@ -107,7 +107,7 @@ impl Loaded {
             // Points that are drawn before the figures are known have colours, too.
             let shown = cloud.shown(&beside.scene.objects.test());
             let color = beside.scene.objects.color_of(key, &beside.scene.settings.color);
-            let (plan, _) = ColorPlan::new(&shown, &color, up);
+            let (plan, _) = ColorPlan::of_shown(&cloud, &shown, &color, up);
             if plan.missing_column(&cloud).is_none() {
                 beside.outside.change(Change::Color { cloud: key, chunks, plan, up });
             }

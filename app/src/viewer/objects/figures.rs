@@ -53,7 +53,7 @@ const HISTOGRAM_BINS: usize = 128;
 impl Figures {
     pub fn of(cloud: &Cloud, color: &scene::Color, test: &PointTest, up: DVec3) -> Self {
         let shown = cloud.shown(test);
-        let (plan, warning) = ColorPlan::new(&shown, color, up);
+        let (plan, warning) = ColorPlan::of_shown(cloud, &shown, color, up);
         let (histogram, histogram_range) = plan.histogram(&shown, up, HISTOGRAM_BINS);
         let (bounds, outline) = cloud::robust_extent(&shown.chunks);
         let (shown_classes, classes, strays) = (classes(&shown), classes(cloud), cloud.strays());
@@ -157,6 +157,28 @@ mod tests {
         let again = all.recounted(&cloud, &PointTest::hiding([2]), DVec3::Z);
         assert_eq!((again.histogram.iter().sum::<u32>(), again.shown), (10, 10));
         assert_eq!(again.shown_classes, [(7, 10)]);
+    }
+
+    #[test]
+    fn a_chosen_colour_stays_where_hidden_classes_leave_one_or_none() {
+        let mut chunk = Chunk::new(0, DVec3::ZERO, (0..30).map(|at| [at as f32; 3]).collect());
+        let column = |of: fn(usize) -> u8| Some(Arc::new(Column::U8((0..30).map(of).collect())));
+        chunk.colors = Some(Arc::new(vec![[200, 100, 50, 255]; 30]));
+        chunk.columns = vec![column(|at| [1, 2, 9][at % 3]), column(|at| 5 * [1, 2, 9][at % 3])];
+        let attribute = |name: &str| Attribute { name: name.into(), column_type: ColumnType::U8 };
+        let attributes = vec![attribute("classification"), attribute("intensity")];
+        let cloud = Cloud { attributes, chunks: vec![chunk], ..Cloud::default() };
+        for label in ["class", "intensity", "RGB"] {
+            let mut settings = scene::Settings::default();
+            settings.set_text("color.by", &label.to_lowercase()).unwrap();
+            let color = settings.color;
+            for hidden in [&[][..], &[1], &[1, 9], &[1, 2, 9]] {
+                let test = PointTest::hiding(hidden.iter().copied());
+                let Figures { plan, warning, .. } = Figures::of(&cloud, &color, &test, DVec3::Z);
+                assert_eq!((plan.label.as_str(), warning), (label, None), "{hidden:?}");
+                assert!(plan.low < plan.high, "{hidden:?}");
+            }
+        }
     }
 
     #[test]
