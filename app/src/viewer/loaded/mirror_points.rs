@@ -53,8 +53,10 @@ impl Loaded {
                 self.put_samples(id, Mirror { shape, ..mirror }, Some(area_per_point), chunks, beside);
             }
             Err(error) => {
+                let tracks = beside.scene.objects.track_count();
                 beside.scene.rewrite_objects(|objects| objects.remove(id));
                 beside.outside.say(Level::Error, text!("mirror `{mirror}`: {error}", mirror = mirror.name, error));
+                beside.scene.tell_lost_tracks(tracks, beside.outside);
             }
         }
     }

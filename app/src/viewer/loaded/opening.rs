@@ -12,9 +12,9 @@ use crate::shared::language::text;
 use crate::system::fetching;
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::look::theme::grouped;
-use crate::viewer::objects::Origin;
 use crate::viewer::objects::clouds::apart;
 use crate::viewer::objects::clouds::{CloudEntry, JobEntry, short_name};
+use crate::viewer::objects::{ObjectId, Origin, PlacedLight};
 use crate::viewer::requests::messages::Level;
 use crate::viewer::scene::confines::Confines;
 
@@ -315,17 +315,23 @@ impl Loaded {
         let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
         // Closing a built-in scene removes its mirrors, and closing the last one removes its lights. Closing the last
         // cloud removes all objects, and shows hidden points again.
+        let tracks = beside.scene.objects.track_count();
         beside.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
-                objects.keep(|_| false);
             }
-            objects.lights.retain(|placed| is_built_in_left || placed.origin != Origin::BuiltIn);
+            let goes = |placed: &&PlacedLight| !is_built_in_left && placed.origin == Origin::BuiltIn;
+            let lights = objects.lights.iter().filter(goes).map(|placed| placed.id);
+            let mirrors = objects.mirrors.iter().filter(|placed| placed.input.as_ref() == Some(&input));
+            let gone: Vec<ObjectId> = mirrors.map(|placed| placed.id).chain(lights).collect();
+            objects.keep(|id| !is_last && !gone.contains(&id));
             objects.no_guess &= !is_last;
             objects.markings.retain(|marking| marking.key != key);
             objects.own_settings.retain(|own| own.key != key);
-            objects.mirrors.retain(|placed| placed.input.as_ref() != Some(&input));
         });
+        if !is_last {
+            beside.scene.tell_lost_tracks(tracks, beside.outside);
+        }
         beside.outside.change(Change::Close { cloud: key });
         beside.frames.points_changed();
         // The job of a closed cloud does not need to go on.

@@ -37,6 +37,28 @@ pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Respo
     .inner
 }
 
+/// A field for the name of an object, by which files and tracks know it. While someone types, a name that another object
+/// has is not taken; when they leave the field, `free_name` makes it one that is free.
+pub fn name_field(ui: &mut Ui, name: &mut String, width: f32, free_name: impl Fn(&str) -> String) -> egui::Response {
+    let memory = ui.scope_id().with("name that is not taken");
+    let mut text: String = ui.data(|data| data.get_temp(memory)).unwrap_or_else(|| name.clone());
+    let response = ui.add(egui::TextEdit::singleline(&mut text).desired_width(width));
+    let is_left = !response.has_focus();
+    if text != *name {
+        let free = free_name(&text);
+        if is_left || free == text.trim() {
+            *name = free;
+        }
+    }
+    ui.data_mut(|data| {
+        data.remove::<String>(memory);
+        if !is_left && text != *name {
+            data.insert_temp(memory, text);
+        }
+    });
+    response
+}
+
 /// Draws a line with a list to choose from. Returns the response of the list.
 pub fn choice<'a, T: PartialEq + Copy>(
     ui: &mut Ui,

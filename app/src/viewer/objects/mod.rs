@@ -8,6 +8,7 @@ pub mod figures;
 pub mod history;
 pub mod inspection;
 pub mod posed;
+pub mod tracks;
 
 use cloud::PointTest;
 use glam::DVec3;
@@ -178,23 +179,6 @@ impl Objects {
         self.lights.iter().find(|placed| placed.id == id).map(|placed| &placed.light)
     }
 
-    /// Returns the object of a kind with this name; lights are numbered from 1.
-    ///
-    /// # Errors
-    /// There is none: the names that there are.
-    pub fn named(&self, kind: &str, name: &str) -> Result<(ObjectId, Object), String> {
-        let of_kind = self.all().filter(|(.., object)| object.kind().name == kind);
-        let named = of_kind.enumerate().map(|(index, (id, known, object))| {
-            let known = if matches!(object, Object::Light(_)) { (index + 1).to_string() } else { known.to_owned() };
-            (known, id, object)
-        });
-        let all: Vec<(String, ObjectId, Object)> = named.collect();
-        let names: Vec<&str> = all.iter().map(|(known, ..)| known.as_str()).collect();
-        let there = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-        let problem = format!("no {kind} is called `{name}`; there are: {there}");
-        all.iter().find(|(known, ..)| known == name).map(|(_, id, object)| (*id, object.clone())).ok_or(problem)
-    }
-
     /// Returns all objects with their names.
     pub fn all(&self) -> impl Iterator<Item = (ObjectId, &str, Object)> {
         let mirrors = self.mirrors.iter();
@@ -219,11 +203,20 @@ impl Objects {
     }
 
     /// Changes an object, if the new value is valid and there is an object of its kind with this number. A light that a
-    /// person changes becomes that person's.
-    pub fn set(&mut self, id: ObjectId, object: Object) {
+    /// person changes becomes that person's. A new name of what tracks know by name is a free one, and theirs as well.
+    pub fn set(&mut self, id: ObjectId, mut object: Object) {
         if object.problem().is_some() {
             return;
         }
+        if self.is_renamed(id, &object) {
+            self.name_freely(&mut object, Some(id));
+            self.keep_tracks(|objects| objects.put(id, object));
+        } else {
+            self.put(id, object);
+        }
+    }
+
+    fn put(&mut self, id: ObjectId, object: Object) {
         match object {
             Object::Mirror(mirror) => {
                 if let Some(placed) = self.mirrors.iter_mut().find(|placed| placed.id == id) {
@@ -262,25 +255,7 @@ impl Objects {
 
     /// Adds an object under a free name.
     pub fn add(&mut self, id: ObjectId, mut object: Object) {
-        match &mut object {
-            Object::Mirror(mirror) => mirror.name = self.free_name(&mirror.name, None),
-            Object::Clip(clip) => {
-                let wanted = if clip.name.trim().is_empty() { clip.shape.name() } else { clip.name.trim() };
-                clip.name = numbered(wanted, self.clips.iter().map(|placed| placed.clip.name.as_str()));
-            }
-            Object::Measurement(measurement) => {
-                let name = measurement.name.trim();
-                let wanted = if name.is_empty() { measurement.kind.name() } else { name };
-                let known = self.measurements.iter().map(|placed| placed.measurement.name.as_str());
-                measurement.name = numbered(wanted, known);
-            }
-            Object::Profile(profile) => {
-                let name = profile.name.trim();
-                let known = self.profiles.iter().map(|placed| placed.profile.name.as_str());
-                profile.name = numbered(if name.is_empty() { "profile" } else { name }, known);
-            }
-            Object::Light(_) | Object::Note(_) => {}
-        }
+        self.name_freely(&mut object, None);
         self.push(id, object);
     }
 
@@ -313,14 +288,16 @@ impl Objects {
         self.no_guess |= self.lights.len() < lights && self.lights.is_empty();
     }
 
-    /// Removes all objects but those of these numbers.
+    /// Removes all objects but those of these numbers, and the tracks of those that go.
     pub fn keep(&mut self, is_kept: impl Fn(ObjectId) -> bool) {
-        self.mirrors.retain(|placed| is_kept(placed.id));
-        self.lights.retain(|placed| is_kept(placed.id));
-        self.clips.retain(|placed| is_kept(placed.id));
-        self.measurements.retain(|placed| is_kept(placed.id));
-        self.notes.retain(|placed| is_kept(placed.id));
-        self.profiles.retain(|placed| is_kept(placed.id));
+        self.keep_tracks(|objects| {
+            objects.mirrors.retain(|placed| is_kept(placed.id));
+            objects.lights.retain(|placed| is_kept(placed.id));
+            objects.clips.retain(|placed| is_kept(placed.id));
+            objects.measurements.retain(|placed| is_kept(placed.id));
+            objects.notes.retain(|placed| is_kept(placed.id));
+            objects.profiles.retain(|placed| is_kept(placed.id));
+        });
     }
 
     /// Sets the guessed lamp of a room if the scene has no other light; a new one gets `id`. `None` removes the lamp.
@@ -347,12 +324,26 @@ impl Objects {
         matches!(self.lights.as_slice(), [PlacedLight { origin: Origin::Guess, .. }])
     }
 
-    /// Returns `wanted`, with a number if another mirror has that name: scene files identify mirrors by name.
-    pub fn free_name(&self, wanted: &str, except: Option<ObjectId>) -> String {
-        let wanted = wanted.trim();
-        let wanted = if wanted.is_empty() { "mirror" } else { wanted };
-        let others = self.mirrors.iter().filter(|placed| Some(placed.id) != except);
-        numbered(wanted, others.map(|placed| placed.mirror.name.as_str()))
+    /// Returns `wanted`, with a number if another object of the kind has that name: scene files and tracks identify
+    /// objects by name.
+    pub fn free_name(&self, kind: &str, wanted: &str, except: Option<ObjectId>) -> String {
+        let wanted = if wanted.trim().is_empty() { kind } else { wanted.trim() };
+        let others = self.all().filter(|(id, _, other)| Some(*id) != except && other.kind().name == kind);
+        numbered(wanted, others.map(|(_, name, _)| name))
+    }
+
+    /// Gives an object a free name, if objects of its kind have names.
+    fn name_freely(&self, object: &mut Object, except: Option<ObjectId>) {
+        let kind = object.kind().name;
+        let (name, unnamed) = match object {
+            Object::Mirror(mirror) => (&mut mirror.name, kind),
+            Object::Clip(clip) => (&mut clip.name, clip.shape.name()),
+            Object::Measurement(measurement) => (&mut measurement.name, measurement.kind.name()),
+            Object::Profile(profile) => (&mut profile.name, kind),
+            Object::Light(_) | Object::Note(_) => return,
+        };
+        let wanted = if name.trim().is_empty() { unnamed } else { name.as_str() };
+        *name = self.free_name(kind, wanted, except);
     }
 
     pub fn free_light_name(&self, wanted: &str) -> String {
@@ -486,12 +477,12 @@ mod tests {
     #[test]
     fn names_are_given_once() {
         let (mut objects, _) = brought(Variant::Sphere);
-        assert_eq!(objects.free_name("sphere", None), "sphere 2");
-        assert_eq!(objects.free_name("sphere", Some(ObjectId(0))), "sphere");
-        assert_eq!(objects.free_name("  ", None), "mirror");
+        assert_eq!(objects.free_name("mirror", "sphere", None), "sphere 2");
+        assert_eq!(objects.free_name("mirror", "sphere", Some(ObjectId(0))), "sphere");
+        assert_eq!(objects.free_name("mirror", "  ", None), "mirror");
         let mirror = Mirror::standing(Shape::Sphere, DVec3::ZERO, DVec3::Z, DVec3::Z, 1.0);
         let mirror = Mirror { name: "sphere 2".into(), ..mirror };
         objects.mirrors.push(Placed { id: ObjectId(7), mirror, input: None });
-        assert_eq!(objects.free_name("sphere", None), "sphere 3");
+        assert_eq!(objects.free_name("mirror", "sphere", None), "sphere 3");
     }
 }

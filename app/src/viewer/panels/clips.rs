@@ -10,7 +10,9 @@ use scene::{Clip, ClipShape, Filter, Keep, Object};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{choice, eye, name_label, number_field_in_words, tall_menu, three, typed_number};
+use crate::viewer::look::widgets::{
+    choice, eye, name_field, name_label, number_field_in_words, tall_menu, three, typed_number,
+};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};
@@ -147,7 +149,8 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut clip: Clip, actions
     let step = clip.size.max_element() * 0.005;
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Name"));
-        ui.add(egui::TextEdit::singleline(&mut clip.name).desired_width(150.0)).labelled_by(label.id);
+        let free_name = |wanted: &str| session.scene.objects.free_name("clip", wanted, Some(id));
+        name_field(ui, &mut clip.name, 150.0, free_name).labelled_by(label.id);
     });
     if !matches!(clip.shape, ClipShape::Prism(_)) {
         let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab];

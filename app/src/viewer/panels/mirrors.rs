@@ -6,7 +6,7 @@ use scene::{METHODS, Method, Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{choice, name_label, number_field, number_slider, slider, three};
+use crate::viewer::look::widgets::{choice, name_field, name_label, number_field, number_slider, slider, three};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::marking;
 use crate::viewer::requests::action::{Action, Filing};
@@ -131,11 +131,8 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
     let step = mirror.size * 0.01;
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Name"));
-        let edit = egui::TextEdit::singleline(&mut mirror.name).desired_width(150.0);
-        let response = ui.add(edit).labelled_by(label.id);
-        if response.lost_focus() {
-            mirror.name = session.scene.objects.free_name(&mirror.name, Some(id));
-        }
+        let free_name = |wanted: &str| session.scene.objects.free_name("mirror", wanted, Some(id));
+        name_field(ui, &mut mirror.name, 150.0, free_name).labelled_by(label.id);
     });
     if let Some(position) = three(ui, text!("Position"), mirror.position, step, "") {
         mirror.position = position;
@@ -306,6 +303,29 @@ mod tests {
         }
         harness.state_mut().act(Action::Redo);
         assert_eq!(harness.state().scene.objects.mirrors[0], added);
+    }
+
+    #[test]
+    fn while_a_name_is_typed_that_another_mirror_has_it_is_not_taken() {
+        let mut harness = harness();
+        harness.run_ok();
+        add(&mut harness, "Sphere");
+        add(&mut harness, "Torus");
+        harness.get_by_role_and_label(egui::accesskit::Role::TextInput, "Name").focus();
+        harness.run_ok();
+        for (typed, expected) in [("sphere", "torus"), ("spheres", "spheres"), ("", "spheres"), ("sphere", "spheres")] {
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.run_ok();
+            match typed {
+                "" => harness.key_press(egui::Key::Backspace),
+                typed => harness.get_by_role_and_label(egui::accesskit::Role::TextInput, "Name").type_text(typed),
+            }
+            harness.run_ok();
+            assert_eq!(names(&harness), ["sphere", expected], "{typed}");
+        }
+        harness.key_press(egui::Key::Enter);
+        harness.run_ok();
+        assert_eq!(names(&harness), ["sphere", "sphere 2"], "another is free when the field is left");
     }
 
     #[test]

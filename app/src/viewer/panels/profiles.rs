@@ -12,7 +12,7 @@ use crate::shared::profile_chart::{self, axis_units, in_brackets};
 use crate::shared::profile_intervals::of_reading;
 use crate::viewer::jobs::slices::{Slice, SlicePoint};
 use crate::viewer::look::theme::{self, grouped};
-use crate::viewer::look::widgets::{eye, name_label, number_field};
+use crate::viewer::look::widgets::{eye, name_field, name_label, number_field};
 use crate::viewer::objects::{ObjectId, PlacedProfile};
 use crate::viewer::panels::profile_ruler::{TOO_THIN, length, ruler};
 use crate::viewer::requests::action::{Action, Measuring, Profiling};
@@ -85,7 +85,8 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Profile, actio
     let mut profile = before.clone();
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Name"));
-        ui.add(egui::TextEdit::singleline(&mut profile.name).desired_width(130.0)).labelled_by(label.id);
+        let free_name = |wanted: &str| session.scene.objects.free_name("profile", wanted, Some(id));
+        name_field(ui, &mut profile.name, 130.0, free_name).labelled_by(label.id);
         let mut bytes = profile.color.map(|share| (share * 255.0).round() as u8);
         if ui.color_edit_button_srgb(&mut bytes).accessible_name(text!("Colour of the profile")).changed() {
             profile.color = bytes.map(|byte| f32::from(byte) / 255.0);

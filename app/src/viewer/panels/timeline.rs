@@ -327,7 +327,7 @@ fn move_key(path: &mut CameraPath, key: Selected, time: f64) {
 
 /// What can become a track: values of the selected object, and all parameters by their sections.
 fn keys_menu(ui: &mut Ui, session: &Session, push: &mut impl FnMut(Film)) {
-    let of_object = session.scene.selected.map(|id| session.scene.keys_of(id)).unwrap_or_default();
+    let of_object = session.scene.selected.map(|id| session.scene.objects.keys_of(id)).unwrap_or_default();
     for key in &of_object {
         if ui.button(key).clicked() {
             push(Film::Key(key.clone()));

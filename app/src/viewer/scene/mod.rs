@@ -146,7 +146,7 @@ impl Scene {
     /// Adds a mirror of a file or a built-in scene.
     pub fn bring_mirror(&mut self, mirror: Mirror, input: Option<String>, outside: &mut Outside) -> ObjectId {
         let id = self.next_object_id();
-        let mirror = Mirror { name: self.objects.free_name(&mirror.name, None), ..mirror };
+        let mirror = Mirror { name: self.objects.free_name("mirror", &mirror.name, None), ..mirror };
         outside.log(json!({ "event": "mirror", "name": mirror.name }));
         self.rewrite_objects(|objects| {
             objects.mirrors.push(Placed { id, mirror: mirror.clone(), input: input.clone() });
@@ -643,7 +643,9 @@ impl Scene {
             Action::Duplicate => self.duplicate(outside),
             Action::Delete => {
                 if let Some(id) = self.selected.take() {
+                    let tracks = self.objects.track_count();
                     self.edit_objects(outside.now, |objects| objects.remove(id));
+                    self.tell_lost_tracks(tracks, outside);
                 }
             }
             Action::Mark(marking) => self.edit_objects(outside.now, |objects| objects.markings.push(*marking)),

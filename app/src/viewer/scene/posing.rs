@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 
 use scene::{Bookmark, CameraPath, Caption, Ease, Handle, Track, WipeState};
 
-use crate::viewer::objects::ObjectId;
+use crate::shared::language::text;
 use crate::viewer::objects::posed::Posed;
+use crate::viewer::requests::outside::Outside;
 use crate::viewer::scene::Scene;
 
 impl Scene {
@@ -101,13 +102,12 @@ impl Scene {
         value.ok_or_else(|| format!("{key}: there is no value that it could keep"))
     }
 
-    /// The keys of the tracks that an object can have.
-    pub fn keys_of(&self, id: ObjectId) -> Vec<String> {
-        let Some((name, object)) = self.objects.get(id) else { return Vec::new() };
-        let number = self.objects.lights.iter().position(|placed| placed.id == id).map(|index| (index + 1).to_string());
-        let (kind, name) = (object.kind().name, number.unwrap_or_else(|| name.to_owned()));
-        let is_there = |value: &&str| Track::value_of_object(value, &object).is_some();
-        Track::values_of(kind).filter(is_there).filter_map(|value| Track::key_of(kind, &name, value)).collect()
+    /// Tells that fewer tracks are left in the paths than before an object was removed.
+    pub fn tell_lost_tracks(&self, before: usize, outside: &mut Outside) {
+        let lost = before.saturating_sub(self.objects.track_count());
+        if lost > 0 {
+            outside.note(text!("Tracks of paths that are removed with it: {lost}", lost));
+        }
     }
 
     /// Adds bookmarks and paths of scene files. A path replaces the one of the same name.
