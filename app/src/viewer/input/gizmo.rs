@@ -55,8 +55,8 @@ struct Drag {
 /// The selected object, with its name.
 fn selected(session: &Session) -> Option<(ObjectId, String, Object)> {
     let id = session.scene.selected?;
-    let (name, object) = session.scene.objects.get(id)?;
-    Some((id, name.to_owned(), object))
+    let (_, object) = session.scene.objects.get(id)?;
+    Some((id, session.scene.objects.label(id)?, object))
 }
 
 /// The handles at each place of an object, of those kinds that the user chose. An object that can only be moved always

@@ -44,12 +44,14 @@ pub enum Origin {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedLight {
     pub id: ObjectId,
-    /// The name in the list of lights. Scene files do not keep it.
+    /// What the list of lights calls it beside its number. Scene files do not keep it.
     pub name: String,
     pub light: SpotLight,
     pub origin: Origin,
 }
 
+/// The name of a light that was not guessed.
+pub const SPOT: &str = "spot";
 /// The name of the guessed lamp.
 pub const GUESSED_LAMP: &str = "lamp (guessed)";
 
@@ -259,14 +261,13 @@ impl Objects {
         self.push(id, object);
     }
 
-    /// Adds an object as it is. A light gets a free name, which no file keeps.
+    /// Adds an object as it is.
     pub fn push(&mut self, id: ObjectId, object: Object) {
         match object {
             Object::Mirror(mirror) => self.mirrors.push(Placed { id, mirror, input: None }),
             Object::Light(light) => {
                 self.accept_guess();
-                let name = self.free_light_name("spot");
-                self.lights.push(PlacedLight { id, name, light, origin: Origin::Person });
+                self.lights.push(PlacedLight { id, name: SPOT.into(), light, origin: Origin::Person });
             }
             Object::Clip(clip) => self.clips.push(PlacedClip { id, clip }),
             Object::Measurement(measurement) => self.measurements.push(PlacedMeasurement { id, measurement }),
@@ -344,10 +345,6 @@ impl Objects {
         };
         let wanted = if name.trim().is_empty() { unnamed } else { name.as_str() };
         *name = self.free_name(kind, wanted, except);
-    }
-
-    pub fn free_light_name(&self, wanted: &str) -> String {
-        numbered(wanted, self.lights.iter().map(|placed| placed.name.as_str()))
     }
 
     /// Returns a scene file of `inputs` with these objects. Mirrors that are as their built-in scene brings them are

@@ -44,6 +44,15 @@ impl Objects {
         Track::values_of(kind).filter(is_there).filter_map(|value| Track::key_of(kind, &name, value)).collect()
     }
 
+    /// What the window calls an object: a light by its number and its name.
+    pub fn label(&self, id: ObjectId) -> Option<String> {
+        let (_, known, object) = self.named_for_tracks().find(|(known, ..)| *known == id)?;
+        match object {
+            Object::Light(_) => self.get(id).map(|(name, _)| format!("{known}: {name}")),
+            _ => Some(known),
+        }
+    }
+
     /// How many tracks all paths have.
     pub fn track_count(&self) -> usize {
         self.paths.iter().map(|path| path.tracks.len()).sum()

@@ -65,7 +65,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     });
     let name = |(index, placed): (usize, &PlacedLight)| {
         let unlit = if index < MOST_LIGHTS { "" } else { text!(" (does not shine)") };
-        (placed.id, format!("{}{unlit}", placed.name))
+        (placed.id, format!("{}{unlit}", session.scene.objects.label(placed.id).unwrap_or_default()))
     };
     object_list(ui, session, session.scene.objects.lights.iter().enumerate().map(name).collect(), actions);
     if let Some((id, light)) = session.scene.selected.and_then(|id| Some((id, *session.scene.objects.light(id)?))) {
@@ -280,13 +280,14 @@ mod tests {
         assert_eq!((session.scene.selected, lighting(session)), (Some(added.id), Lighting::Lights));
         assert_eq!((added.light.position, added.light.target), (session.scene.camera.eye, session.scene.camera.pivot));
         assert_eq!(added.light.problem(), None);
-        harness.get_by_label("Copy spot").click();
+        harness.get_by_label("Copy 1: spot").click();
         harness.run_ok();
-        assert_eq!(names(harness.state()), ["spot", "spot 2"]);
-        harness.get_by_label("Delete spot").click();
+        assert_eq!(names(harness.state()), ["spot", "spot"]);
+        harness.get_by_label("Delete 1: spot").click();
         harness.run_ok();
-        assert_eq!(names(harness.state()), ["spot 2"]);
-        for expected in [&["spot", "spot 2"][..], &["spot"], &[]] {
+        assert_eq!(names(harness.state()), ["spot"]);
+        assert!(harness.query_by_label("1: spot").is_some(), "the list numbers lights as tracks do");
+        for expected in [&["spot", "spot"][..], &["spot"], &[]] {
             harness.state_mut().act(Action::Undo);
             assert_eq!(names(harness.state()), expected);
         }
@@ -333,7 +334,7 @@ mod tests {
         harness.state_mut().act(Action::AddSpot);
         harness.run_ok();
         assert!(harness.state().outside.messages.all.iter().any(|message| message.text.contains("first 4")));
-        assert!(harness.query_by_label("spot 5 (does not shine)").is_some());
+        assert!(harness.query_by_label("5: spot (does not shine)").is_some());
     }
 
     #[test]
@@ -382,9 +383,9 @@ mod tests {
         let light = scene::five_mirrors::light();
         let file = world::Request { lights: vec![light, light], ..Default::default() };
         session.open_request(file.clone());
-        assert_eq!(names(&session), ["spot", "spot 2"]);
+        assert_eq!(names(&session), ["spot", "spot"]);
         session.open_request(file.clone());
-        assert_eq!(names(&session), ["spot", "spot 2"]);
+        assert_eq!(names(&session), ["spot", "spot"]);
         // Each step of undo keeps its own lights.
         session.scene.selected = Some(session.scene.objects.lights[0].id);
         session.act(Action::Delete);
@@ -438,7 +439,7 @@ mod tests {
         assert_eq!((names(harness.state()), lighting(harness.state())), (vec![GUESSED_LAMP], Lighting::Lights));
         harness.state_mut().act(Action::Undo);
         assert_eq!(names(harness.state()), [GUESSED_LAMP], "what comes with a file is no step of undo");
-        harness.get_by_label(GUESSED_LAMP).click();
+        harness.get_by_label(&format!("1: {GUESSED_LAMP}")).click();
         harness.run_ok();
         harness.get_by_label("Move to camera").click();
         harness.run_ok();

@@ -30,7 +30,7 @@ use crate::shared::language::{text, translated};
 use crate::viewer::objects::clouds::{CloudEntry, colored_chunks};
 use crate::viewer::objects::history::History;
 use crate::viewer::objects::posed::Posed;
-use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, spot, unnamed};
+use crate::viewer::objects::{ObjectId, Objects, Origin, Placed, PlacedClip, PlacedLight, SPOT, spot, unnamed};
 use crate::viewer::picture::messages::{Command, PickPurpose};
 use crate::viewer::requests::action::{Action, Mode};
 use crate::viewer::requests::bindings::COMMAND;
@@ -156,13 +156,8 @@ impl Scene {
 
     /// Adds lights of files and built-in scenes, except those that are there already.
     pub fn bring_lights(&mut self, lights: impl Iterator<Item = (SpotLight, Origin)>, outside: &mut Outside) {
-        let mut named = Objects { lights: self.objects.lights.clone(), ..Objects::default() };
-        let mut brought: Vec<PlacedLight> = Vec::new();
-        for (light, origin) in lights {
-            let placed = PlacedLight { id: self.next_object_id(), name: named.free_light_name("spot"), light, origin };
-            named.lights.push(placed.clone());
-            brought.push(placed);
-        }
+        let placed = |(light, origin)| PlacedLight { id: self.next_object_id(), name: SPOT.into(), light, origin };
+        let brought: Vec<PlacedLight> = lights.map(placed).collect();
         if brought.is_empty() {
             return;
         }
