@@ -70,7 +70,7 @@ impl Objects {
     }
 
     /// Makes a change after which tracks are of the same objects as before. Those of objects that are gone go as well.
-    pub(super) fn keep_tracks(&mut self, change: impl FnOnce(&mut Self)) {
+    pub fn keep_tracks(&mut self, change: impl FnOnce(&mut Self)) {
         if self.track_count() == 0 {
             return change(self);
         }

@@ -147,14 +147,16 @@ impl Kept {
                 let Some(state) = self.state.replace(now) else { return };
                 self.drawn = None;
                 let scene = &mut *beside.scene;
+                let tracks = scene.objects.track_count();
                 scene.edit(beside.outside.now, |settings, objects| {
                     *settings = state.settings;
                     let Objects { lights, no_guess, own_settings, clips, visibility, .. } = state.objects;
-                    (objects.lights, objects.no_guess) = (lights, no_guess);
+                    objects.keep_tracks(|objects| (objects.lights, objects.clips) = (lights, clips));
+                    (objects.no_guess, objects.visibility) = (no_guess, visibility);
                     objects.own_settings = own_settings;
                     objects.own_settings.retain(|own| loaded.cloud(own.key).is_some());
-                    (objects.clips, objects.visibility) = (clips, visibility);
                 });
+                scene.tell_lost_tracks(tracks, beside.outside);
                 scene.selected = scene.selected.filter(|id| scene.objects.get(*id).is_some());
                 loaded.sync_own_settings(beside);
             }
@@ -209,7 +211,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::bench::Bench;
-    use crate::viewer::requests::action::{Action, Clipping};
+    use crate::viewer::requests::action::{Action, Clipping, Film, PathPreset};
     use crate::viewer::session::Session;
 
     fn act(session: &mut Session, step: KeptStep) {
@@ -253,6 +255,24 @@ mod tests {
         assert_eq!(shown(&session), first);
         act(&mut session, KeptStep::Swap);
         assert_eq!(shown(&session), second, "and back");
+    }
+
+    #[test]
+    fn tracks_stay_with_their_lights_when_the_kept_state_has_others() {
+        let mut session = Session::with_two_points();
+        for _ in 0..3 {
+            session.act(Action::AddSpot);
+        }
+        session.act(Action::Film(Film::Add(PathPreset::View)));
+        session.act(Action::Film(Film::Key("lights.3.intensity".into())));
+        act(&mut session, KeptStep::Keep);
+        session.act(Action::Select(Some(session.scene.objects.lights[0].id)));
+        session.act(Action::Delete);
+        for (count, key) in [(2, "lights.2.intensity"), (3, "lights.3.intensity"), (2, "lights.2.intensity")] {
+            let objects = &session.scene.objects;
+            assert_eq!((objects.lights.len(), objects.paths[0].tracks[0].key.as_str()), (count, key));
+            act(&mut session, KeptStep::Swap);
+        }
     }
 
     #[test]
