@@ -13,7 +13,7 @@ use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{name_label, number_field, progress_bar};
 use crate::viewer::panels::overlay;
 use crate::viewer::panels::truth::{divide, split, tag};
-use crate::viewer::requests::action::{Action, Compare, KeptStep, SavePicture};
+use crate::viewer::requests::action::{Action, Compare, KeptStep};
 use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
 use crate::viewer::truth::view::Picture;
@@ -328,6 +328,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
+    use crate::viewer::requests::action::SavePicture;
 
     #[test]
     fn what_is_compared_and_how_is_chosen_and_the_figures_are_shown() {
