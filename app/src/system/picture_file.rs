@@ -247,8 +247,8 @@ fn partial(path: &Path) -> PathBuf {
     path.with_file_name(format!(".{}.{}-{count}.partial", codec::short_file_name(&name), std::process::id()))
 }
 
-/// Has a file written by `write`, which gets the name of an empty file in the same folder. The file appears under its own name when it
-/// is whole.
+/// Has a file written by `write`, which gets the name of an empty file in the same folder. The file appears under its
+/// own name when it is whole.
 ///
 /// # Errors
 /// Those of `write`, or if the file cannot be renamed.
