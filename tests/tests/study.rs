@@ -185,22 +185,42 @@ fn plans_that_are_wrong_are_refused_before_anything_is_written() {
 #[test]
 fn a_scene_that_cannot_be_read_is_a_row_and_the_others_go_on() {
     let plan = "title = \"a\"\nsize = \"64x48\"\nrepeats = 1\nflicker = true\n[set]\n\"gi.bounces\" = 0\n\"scene.points\" = 5000\n\
-                [[group]]\nscenes = [\"broken.laz\", \"cut.ply\", \"five-mirrors/sphere\"]\nmethods = [\"surfel_trace\"]";
+                [[group]]\nscenes = [\"broken.laz\", \"cut.ply\", \"tiles\", \"five-mirrors/sphere\"]\n\
+                methods = [\"surfel_trace\"]\n[[group]]\nscenes = [\"cut.ply\", \"damaged.laz\"]\n\
+                methods = [\"surfel_trace\"]\nset = { \"stream.pages\" = \"always\" }";
     let folder = with_plan(plan);
     std::fs::write(folder.path("broken.laz"), "no points").expect("a broken file");
-    let points: String = (0..200).map(|at| format!("{} {} 0\n", at % 20, at / 20)).collect();
-    let header = "ply\nformat ascii 1.0\nelement vertex 229\nproperty float x\nproperty float y\nproperty float z\n";
-    folder.write("cut.ply", format!("{header}end_header\n{points}"));
+    let ply = |announced: u32, points: u32| {
+        let points: String = (0..points).map(|at| format!("{} {} 0\n", at % 20, at / 20)).collect();
+        let axes = "property float x\nproperty float y\nproperty float z\n";
+        format!("ply\nformat ascii 1.0\nelement vertex {announced}\n{axes}end_header\n{points}")
+    };
+    folder.write("cut.ply", ply(229, 200));
+    folder.write("whole.ply", ply(60_000, 60_000));
+    std::fs::create_dir(folder.path("tiles")).expect("a folder");
+    for name in ["tiles/a.las", "damaged.laz"] {
+        let outcome = folder.glint(["export", "whole.ply", "-o", name]);
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+    }
+    let whole = std::fs::read(folder.path("tiles/a.las")).expect("a tile");
+    folder.write("tiles/b.las", &whole[..whole.len() - 1]);
+    // The end of the compressed points, which their table follows.
+    let mut damaged = std::fs::read(folder.path("damaged.laz")).expect("a file");
+    let points = u32::from_le_bytes(damaged[96..100].try_into().expect("four bytes")) as usize;
+    let table = u64::from_le_bytes(damaged[points..points + 8].try_into().expect("eight bytes")) as usize;
+    damaged[table * 4 / 5..table].fill(0xff);
+    folder.write("damaged.laz", damaged);
     let Some(outcome) = study(&folder, &["plan.toml", "-o", "out"]) else { return };
-    assert!(outcome.status == Some(1) && outcome.messages.contains("settings that failed: 2"), "{outcome}");
+    assert!(outcome.status == Some(1) && outcome.messages.contains("settings that failed: 5"), "{outcome}");
     let rows = rows(&folder, "out");
     assert!(rows[0]["error"].as_str().is_some_and(|error| error.contains("broken.laz")), "{rows:#?}");
-    // Nor is one measured of which only a part can be read.
-    assert!(
-        rows[1]["error"].as_str().is_some_and(|error| error.contains("cut.ply: 29 points cannot be read")),
-        "{rows:#?}"
-    );
-    let whole = &rows[2];
+    // Nor is one measured of which only a part can be read, in memory or streamed.
+    let parts = [(1, "cut.ply: 29 points "), (2, "tiles: 1 points "), (4, "cut.ply: 29 points "), (5, "damaged.laz: ")];
+    for (row, told) in parts {
+        let error = rows[row]["error"].as_str().unwrap_or_default();
+        assert!(error.contains(told) && error.contains("points cannot be read"), "{told}: {rows:#?}");
+    }
+    let whole = &rows[3];
     assert_eq!((&whole["error"], &whole["repeats"]), (&Value::Null, &1.into()));
     // Nothing random is in this method, and a reflection moves with the camera.
     let flicker = ["flicker_still", "flicker_moving"].map(|name| whole[name].as_f64().unwrap_or(f64::NAN));

@@ -88,6 +88,7 @@ impl Assembly {
             crs,
             units,
             expected_points,
+            missing: _,
             up,
             scanner,
             provisional_radius,

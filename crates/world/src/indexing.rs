@@ -230,6 +230,7 @@ impl Loader {
             crs,
             units,
             expected_points: points,
+            missing: codec::missing_points(&sources),
             up,
             scanner: None,
             provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },
@@ -254,6 +255,8 @@ impl Loader {
     /// estimated from its own points.
     pub(crate) fn stream(&self, streamed: &StreamedInput, pages: Pages, was_built: bool, previews: HashMap<Part, u64>) {
         let estimate = streamed.is_native.then(|| self.surfel_options(streamed, &pages)).flatten();
+        let points: u64 = streamed.sources.iter().map(|source| source.info().points).sum();
+        let kept = pages.octree().points().saturating_add(pages.skipped_points());
         let (input, name) = (streamed.input.clone(), streamed.name.clone());
         let (cloud, pages) = (streamed.cloud, Arc::new(pages));
         self.mailbox.arrive(Arrival {
@@ -263,6 +266,7 @@ impl Loader {
             fit: None,
             pages,
             is_own: !streamed.is_native,
+            missing: if streamed.is_native { 0 } else { points.saturating_sub(kept) },
             was_built,
             estimate,
             previews,

@@ -292,6 +292,7 @@ impl Tiles {
             crs: info.crs.clone(),
             units: info.units,
             expected_points: self.points(),
+            missing: 0,
             up: up_of(info, &self.settings),
             scanner: None,
             provisional_radius: cloud::provisional_radius(self.bounds(), self.points()),
@@ -599,6 +600,7 @@ impl Tiles {
             fit: Some(Fit { columns: columns.collect(), grid }),
             pages: Arc::new(pages),
             is_own: false,
+            missing: 0,
             was_built: false,
             estimate: *estimate,
             previews: HashMap::new(),
@@ -633,9 +635,17 @@ impl Tiles {
         let problems = std::mem::take(&mut self.problems);
         self.note_told(&problems);
         let (missing, warnings) = problems.into_iter().partition(|problem| self.told_missing.contains(problem));
-        let bounds = Some(self.bounds());
-        let summary =
-            codec::Summary { points: self.points(), missing: 0, bounds, warnings, cancelled: self.is_stopped };
+        let open = self.tiles.iter().filter_map(|tile| match &tile.state {
+            State::Open(OpenTile { source, .. }) => Some(source),
+            _ => None,
+        });
+        let summary = codec::Summary {
+            points: self.points(),
+            missing: codec::missing_points(open),
+            bounds: Some(self.bounds()),
+            warnings,
+            cancelled: self.is_stopped,
+        };
         Some((summary, param::few(missing, "tiles that are missing")))
     }
 
