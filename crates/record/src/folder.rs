@@ -42,20 +42,20 @@ impl Folder {
         self.path.join(DESCRIPTION)
     }
 
-    /// Whether the picture of a frame is there, to its last pixel.
+    /// Whether the picture of a frame is there, with the recording's size and to its last pixel. One that does not say of
+    /// what it is, as `glint render` and optimisers of PNG files write it, is taken for it.
     ///
     /// # Errors
-    /// A whole picture is there that is none of this frame of the recording.
+    /// A whole picture is there that says that it is something else.
     pub fn has(&self, frame: u32, recording: &Description) -> Result<bool> {
         let file = self.picture(frame);
         let decoded = ImageReader::open(&file).map_err(image::ImageError::IoError).and_then(|reader| reader.decode());
         let Ok(picture) = decoded else { return Ok(false) };
-        let is_own = self.text(frame, source::RECORDING).is_some_and(|own| own == recording.of_frame(frame));
-        if is_own && picture.color() == ColorType::Rgb8 && [picture.width(), picture.height()] == recording.size {
-            return Ok(true);
+        if self.text(frame, source::RECORDING).is_some_and(|own| own != recording.of_frame(frame)) {
+            let problem = "it is no picture of this recording; move it away, or name another folder".to_owned();
+            return Err(Error::Malformed { name: scene::shown(&file), problem });
         }
-        let problem = "it is no picture of this recording; move it away, or name another folder".to_owned();
-        Err(Error::Malformed { name: scene::shown(&file), problem })
+        Ok(picture.color() == ColorType::Rgb8 && [picture.width(), picture.height()] == recording.size)
     }
 
     /// What has drawn the picture of a frame, where its file says that.
@@ -178,14 +178,18 @@ mod tests {
     fn a_picture_of_something_else_is_neither_taken_nor_replaced() {
         let temporary = tempfile::tempdir().unwrap();
         let (folder, tour) = (Folder { path: temporary.path().to_owned() }, recording("tour"));
-        for of in [None, Some(tour.of_frame(8)), Some(recording("way back").of_frame(7))] {
-            std::fs::write(folder.picture(7), png(of)).unwrap();
+        for of in [tour.of_frame(8), recording("way back").of_frame(7)] {
+            std::fs::write(folder.picture(7), png(Some(of))).unwrap();
             let told = folder.has(7, &tour).unwrap_err().to_string();
             assert!(told.contains("frame-000007.png: it is no picture of this recording; move it away"), "{told}");
         }
         let other = Description { adapter: Adapter { name: "other".into(), ..tour.adapter.clone() }, ..tour.clone() };
         std::fs::write(folder.picture(7), png(Some(other.of_frame(7)))).unwrap();
         assert!(folder.has(7, &tour).unwrap(), "--mixed decides about adapters");
+        // One that says nothing is taken if it has the size.
+        std::fs::write(folder.picture(7), png(None)).unwrap();
+        assert!(folder.has(7, &tour).unwrap());
+        assert!(!folder.has(7, &Description { size: [30, 40], ..tour }).unwrap());
     }
 
     #[test]
