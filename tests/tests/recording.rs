@@ -422,6 +422,8 @@ fn a_recording_for_an_error_chooses_once() {
     let plan: serde_json::Value = serde_json::from_str(&plan).expect("JSON");
     assert_eq!((&plan["auto"]["target"], &plan["size"]), (&"3dE".into(), &serde_json::json!([96, 64])), "{plan}");
     assert!(plan["auto"]["predicted_error"].as_f64().is_some_and(|error| error <= 3.0), "{plan}");
+    let again = record(&folder, "pictures", &[&few[..], &["--frames", "0..1"]].concat());
+    assert_eq!(again.text(), "1 pictures in pictures, 1 of them were there\n", "{again}");
     // Another choice in the file: the second run takes it, and chooses nothing itself.
     let mut other = plan;
     other["auto"]["set"] = serde_json::json!({ "view.background": "#ff0000", "splat.step": 64 });
@@ -440,6 +442,13 @@ fn a_recording_for_an_error_chooses_once() {
     let refused = record(&folder, "pictures", &["--set", "scene.points=20000", "--error", "1dE"]);
     assert_eq!(refused.status, Some(2), "{refused}");
     assert!(refused.messages.contains("drawn for 3dE; ask for the same"), "{refused}");
+    // What was chosen makes a picture another one than that of the command's own settings.
+    let plain = ["--set", "scene.points=20000", "--frames", "1..2"];
+    assert_eq!(record(&folder, "plain", &plain).status, Some(0));
+    std::fs::copy(folder.path("pictures/frame-000001.png"), folder.path("plain/frame-000001.png")).expect("a copy");
+    let refused = record(&folder, "plain", &plain);
+    assert_eq!(refused.status, Some(2), "{refused}");
+    assert!(refused.messages.contains("frame-000001.png: it is no picture of this recording"), "{refused}");
 }
 
 #[test]

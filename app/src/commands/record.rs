@@ -158,9 +158,15 @@ impl Recording<'_> {
         };
         self.apply(auto.as_ref(), recording::settings(&mut request))?;
         let description = Description { auto, ..wanted };
-        let lacking = self.lacking(&self.frames, &description)?;
-        let status =
-            if lacking.is_empty() { 0 } else { self.make(&lacking, &description, made.is_none(), gpu, request)? };
+        // A picture is of what it is drawn by, chosen or not.
+        let set = recording::settings(&mut request).differing().into_iter().collect();
+        let drawn = Description { set, ..description.clone() };
+        let lacking = self.lacking(&self.frames, &drawn)?;
+        let status = if lacking.is_empty() {
+            0
+        } else {
+            self.make(&lacking, &drawn, made.is_none().then_some(&description), gpu, request)?
+        };
         let (count, folder) = (self.frames.len(), scene::shown(&self.folder.path));
         let there = count - lacking.len();
         let were_there = if there > 0 { format!(", {there} of them were there") } else { String::new() };
@@ -171,7 +177,7 @@ impl Recording<'_> {
         }
         if let (Some(film), true) = (self.output.film(), is_made) {
             let film = scene::shown(film);
-            let missing = if self.frames == self.all { 0 } else { self.lacking(&self.all, &description)?.len() };
+            let missing = if self.frames == self.all { 0 } else { self.lacking(&self.all, &drawn)?.len() };
             if missing == 0 {
                 let encoded = self.output.encode(&self.all, self.arguments.size, self.arguments.fps, interrupt::check);
                 if encoded.is_err() && !interrupt::is_wanted() {
@@ -203,11 +209,11 @@ impl Recording<'_> {
         }
     }
 
-    /// The frames whose files are not there, or not whole.
+    /// The frames whose files are not there, or not whole. `drawn` has the parameters that pictures are drawn by.
     ///
     /// # Errors
     /// A picture that is not of this recording, or Ctrl-C.
-    fn lacking(&self, frames: &[u32], description: &Description) -> anyhow::Result<Vec<u32>> {
+    fn lacking(&self, frames: &[u32], drawn: &Description) -> anyhow::Result<Vec<u32>> {
         let bar = Bar::pictures("looking");
         let mut lacking = Vec::new();
         for (done, frame) in frames.iter().enumerate() {
@@ -216,7 +222,7 @@ impl Recording<'_> {
             let has_image =
                 |image: &Aov| picture_file::is_exr(&self.folder.image(*frame, image.name()), self.arguments.size);
             let has_stats = !self.arguments.stats || self.folder.stats(*frame).exists();
-            if !(self.folder.has(*frame, description)? && self.images.iter().all(has_image) && has_stats) {
+            if !(self.folder.has(*frame, drawn)? && self.images.iter().all(has_image) && has_stats) {
                 lacking.push(*frame);
             }
         }
@@ -293,12 +299,13 @@ impl Recording<'_> {
         Ok(())
     }
 
-    /// Makes these pictures and returns the exit status. `begins` says that the folder has none yet.
+    /// Makes these pictures and returns the exit status. `drawn` has the parameters that they are drawn by; `begun` is
+    /// what the folder is to say, if it has no pictures yet.
     fn make(
         &self,
         frames: &[u32],
-        description: &Description,
-        begins: bool,
+        drawn: &Description,
+        begun: Option<&Description>,
         gpu: Arc<Gpu>,
         request: Request,
     ) -> anyhow::Result<u8> {
@@ -310,7 +317,7 @@ impl Recording<'_> {
             Ok(recorder) => recorder,
             Err(status) => return Ok(status),
         };
-        if begins {
+        if let Some(description) = begun {
             let text = serde_json::to_string_pretty(description)? + "\n";
             let is_first = picture_file::write_new_text(&self.folder.description_file(), &text)?;
             // Another run has begun the folder meanwhile.
@@ -337,13 +344,13 @@ impl Recording<'_> {
                 picture_file::write_exr(&self.folder.image(*frame, image.name()), &values, own.map(|_| origin))?;
             }
             if self.arguments.stats {
-                let stats = FrameStats { adapter: &description.adapter, picture: recorder.stats(time) };
+                let stats = FrameStats { adapter: &drawn.adapter, picture: recorder.stats(time) };
                 let text = serde_json::to_string_pretty(&stats)? + "\n";
                 picture_file::write_text(&self.folder.stats(*frame), &text)?;
             }
             // A frame with a picture is whole.
-            let (file, own) = (self.folder.picture(*frame), description.of_frame(*frame));
-            picture_file::write_frame(&file, size, &picture.rgba, Some(&description.adapter), Some(&own))?;
+            let (file, own) = (self.folder.picture(*frame), drawn.of_frame(*frame));
+            picture_file::write_frame(&file, size, &picture.rgba, Some(&drawn.adapter), Some(&own))?;
             if recorder.is_empty() && !std::mem::replace(&mut is_told, true) {
                 let warning = if recorder.hides_all() {
                     subject::ALL_HIDDEN.to_owned()

@@ -46,7 +46,8 @@ impl fmt::Display for Adapter {
 }
 
 impl Description {
-    /// What the file of a frame says that it is of. All adapters that may add to the folder say the same.
+    /// What the file of a frame says that it is of, with the parameters in `set`. All adapters that may add to the folder
+    /// say the same.
     pub fn of_frame(&self, frame: u32) -> String {
         let Self { version, scene, path, size, fps, adapter: _, set, averaging, auto: _ } = self;
         let all = serde_json::json!([version, scene, path, size, fps, set, averaging]).to_string();

@@ -178,7 +178,8 @@ mod tests {
     fn a_picture_of_something_else_is_neither_taken_nor_replaced() {
         let temporary = tempfile::tempdir().unwrap();
         let (folder, tour) = (Folder { path: temporary.path().to_owned() }, recording("tour"));
-        for of in [tour.of_frame(8), recording("way back").of_frame(7)] {
+        let larger = Description { set: [("splat.size".into(), "2".into())].into(), ..tour.clone() };
+        for of in [tour.of_frame(8), recording("way back").of_frame(7), larger.of_frame(7)] {
             std::fs::write(folder.picture(7), png(Some(of))).unwrap();
             let told = folder.has(7, &tour).unwrap_err().to_string();
             assert!(told.contains("frame-000007.png: it is no picture of this recording; move it away"), "{told}");
