@@ -429,7 +429,7 @@ impl Loads {
         match event {
             Event::Opened { opened, .. } => {
                 warn(&opened.name, opened.warnings.clone());
-                self.unread = self.unread.saturating_add(opened.missing);
+                self.unread = self.unread.saturating_add(codec::missing_points(&opened.source));
                 let key = CloudKey(self.clouds.len() as u32);
                 let mut loaded = Assembly::open(key, opened).0;
                 // No points are there yet; those that come are moved as they do.

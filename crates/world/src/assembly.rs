@@ -88,7 +88,6 @@ impl Assembly {
             crs,
             units,
             expected_points,
-            missing: _,
             up,
             scanner,
             provisional_radius,

@@ -31,9 +31,6 @@ pub struct Opened {
     pub units: codec::Units,
     /// The number of points that a full read should yield.
     pub expected_points: u64,
-    /// The number of points that the files announce beyond those (`codec::Info::missing`). What is missing of tiles that
-    /// views open is known when they are read.
-    pub missing: u64,
     /// The up direction, a unit vector.
     pub up: DVec3,
     /// Where the scanner stood, in the coordinates of the file, if one place is known.

@@ -230,7 +230,6 @@ impl Loader {
             crs,
             units,
             expected_points: points,
-            missing: codec::missing_points(&sources),
             up,
             scanner: None,
             provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },
@@ -257,6 +256,7 @@ impl Loader {
         let estimate = streamed.is_native.then(|| self.surfel_options(streamed, &pages)).flatten();
         let points: u64 = streamed.sources.iter().map(|source| source.info().points).sum();
         let kept = pages.octree().points().saturating_add(pages.skipped_points());
+        let unread = if streamed.is_native { 0 } else { points.saturating_sub(kept) };
         let (input, name) = (streamed.input.clone(), streamed.name.clone());
         let (cloud, pages) = (streamed.cloud, Arc::new(pages));
         self.mailbox.arrive(Arrival {
@@ -266,7 +266,7 @@ impl Loader {
             fit: None,
             pages,
             is_own: !streamed.is_native,
-            missing: if streamed.is_native { 0 } else { points.saturating_sub(kept) },
+            missing: codec::missing_points(&streamed.sources).saturating_add(unread),
             was_built,
             estimate,
             previews,

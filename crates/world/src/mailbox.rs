@@ -138,7 +138,7 @@ pub struct Arrival {
     pub pages: Arc<Pages>,
     /// Whether the pages are in the cache, so that they can be made again.
     pub is_own: bool,
-    /// The number of points that could not be read when the pages were made.
+    /// The number of points that the files announce and do not have, or that could not be read for the pages.
     pub missing: u64,
     pub was_built: bool,
     /// The options for nodes without normals and radii; `None` for provisional, even radii until they are known.

@@ -158,7 +158,6 @@ impl Loader {
             crs: info.crs.clone(),
             units: info.units,
             expected_points: info.points,
-            missing: info.missing,
             up,
             scanner: info.scanner(),
             provisional_radius: info.bounds.map_or(0.0, |bounds| cloud::provisional_radius(bounds, info.points)),

@@ -292,7 +292,6 @@ impl Tiles {
             crs: info.crs.clone(),
             units: info.units,
             expected_points: self.points(),
-            missing: 0,
             up: up_of(info, &self.settings),
             scanner: None,
             provisional_radius: cloud::provisional_radius(self.bounds(), self.points()),
