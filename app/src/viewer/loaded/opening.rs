@@ -315,7 +315,6 @@ impl Loaded {
         let is_built_in_left = self.clouds.iter().any(CloudEntry::is_built_in);
         // Closing a built-in scene removes its mirrors, and closing the last one removes its lights. Closing the last
         // cloud removes all objects, and shows hidden points again.
-        let tracks = beside.scene.objects.track_count();
         beside.scene.rewrite_objects(|objects| {
             if is_last {
                 objects.visibility = Visibility::default();
@@ -329,9 +328,6 @@ impl Loaded {
             objects.markings.retain(|marking| marking.key != key);
             objects.own_settings.retain(|own| own.key != key);
         });
-        if !is_last {
-            beside.scene.tell_lost_tracks(tracks, beside.outside);
-        }
         beside.outside.change(Change::Close { cloud: key });
         beside.frames.points_changed();
         // The job of a closed cloud does not need to go on.

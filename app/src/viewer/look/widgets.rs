@@ -40,8 +40,12 @@ pub fn name_label(ui: &mut Ui, text: impl Into<egui::WidgetText>) -> egui::Respo
 /// A field for the name of an object, by which files and tracks know it. While someone types, a name that another object
 /// has is not taken; when they leave the field, `free_name` makes it one that is free.
 pub fn name_field(ui: &mut Ui, name: &mut String, width: f32, free_name: impl Fn(&str) -> String) -> egui::Response {
+    // With it are the name of its object and the pass in which it was typed: the next one may be of another object.
     let memory = ui.scope_id().with("name that is not taken");
-    let mut text: String = ui.data(|data| data.get_temp(memory)).unwrap_or_else(|| name.clone());
+    let pass = ui.ctx().cumulative_pass_nr();
+    let typed: Option<(String, String, u64)> = ui.data(|data| data.get_temp(memory));
+    let typed = typed.filter(|(of, _, at)| of == name && at + 1 >= pass);
+    let mut text = typed.map_or_else(|| name.clone(), |(_, text, _)| text);
     let response = ui.add(egui::TextEdit::singleline(&mut text).desired_width(width));
     let is_left = !response.has_focus();
     if text != *name {
@@ -51,9 +55,9 @@ pub fn name_field(ui: &mut Ui, name: &mut String, width: f32, free_name: impl Fn
         }
     }
     ui.data_mut(|data| {
-        data.remove::<String>(memory);
+        data.remove::<(String, String, u64)>(memory);
         if !is_left && text != *name {
-            data.insert_temp(memory, text);
+            data.insert_temp(memory, (name.clone(), text, pass));
         }
     });
     response
@@ -397,7 +401,7 @@ mod tests {
             harness.key_press(egui::Key::Tab);
             harness.run();
         }
-        assert_eq!(*harness.state(), DVec3::new(1234.567_89, -5.25, 7.0));
+        assert_eq!(*harness.state(), DVec3::new(1_234.567_89, -5.25, 7.0));
     }
 
     #[test]

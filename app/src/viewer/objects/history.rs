@@ -219,7 +219,11 @@ fn difference(from: &Snapshot, settings: &Settings, objects: &Objects) -> String
         // A note that is not written yet has no name.
         let all = [&before, &after].into_iter().filter_map(|objects| objects.get(&id));
         let named = all.max_by_key(|(name, _)| !name.is_empty());
-        named.into_iter().for_each(|(name, object)| tell(quoted(translated(object.kind().name), name)));
+        let label = || objects.label(id).or_else(|| from.objects.label(id));
+        if let Some((name, object)) = named {
+            let label = label().filter(|_| matches!(object, Object::Light(_)));
+            tell(quoted(translated(object.kind().name), label.as_deref().unwrap_or(name)));
+        }
     }
     for own in differing_of(&from.objects.own_settings, &objects.own_settings) {
         let placement = |objects: &Objects| objects.settings_of(own.key).and_then(CloudSettings::placement);

@@ -163,8 +163,9 @@ pub fn cast(ray: &Ray) -> Option<Surface> {
             let width = ray.width_at(f64::from(depth)) as f32;
             let radius = chunk.radii.as_ref().and_then(|radii| unpack_radius(radii[index])).unwrap_or(0.0);
             let reach = width.max(radius);
-            (depth > 0.0 && offset.length_squared() - depth * depth < reach * reach)
-                .then_some((f64::from(depth), index))
+            // The difference of two large squares would be too rough in parallel views, whose lines begin far away.
+            let aside = offset - direction * depth;
+            (depth > 0.0 && aside.length_squared() < reach * reach).then_some((f64::from(depth), index))
         };
         chunk.positions.iter().enumerate().filter_map(hit).filter(|(_, index)| is_shown(index)).collect()
     };

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use scene::{Handle, Object, Track};
+use scene::{CameraPath, Handle, Object, Track};
 
 use crate::viewer::objects::{ObjectId, Objects};
 
@@ -67,6 +67,15 @@ impl Objects {
             Object::Light(_) | Object::Measurement(_) | Object::Note(_) => return false,
         };
         self.get(id).is_some_and(|(known, _)| known != name)
+    }
+
+    /// Adds the tracks of some objects that paths of the same names had, while the objects had the names that they have now.
+    pub fn bring_tracks(&mut self, ids: &[ObjectId], from: &[CameraPath]) {
+        let keys: Vec<String> = ids.iter().flat_map(|id| self.keys_of(*id)).collect();
+        for path in &mut self.paths {
+            let Some(known) = from.iter().find(|known| known.name == path.name) else { continue };
+            path.tracks.extend(known.tracks.iter().filter(|track| keys.contains(&track.key)).cloned());
+        }
     }
 
     /// Makes a change after which tracks are of the same objects as before. Those of objects that are gone go as well.

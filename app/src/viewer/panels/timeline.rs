@@ -100,8 +100,10 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         return;
     };
     let known = egui::Id::unique("selected key of the timeline");
-    let selected: Option<Selected> = ui.data(|data| data.get_temp(known)).flatten();
-    let mut selected = selected.filter(|selected| time_of(path, *selected).is_some());
+    let selected: Option<(Selected, Option<String>)> = ui.data(|data| data.get_temp(known)).flatten();
+    // The track of a key may have gone since, and another one have its place.
+    let selected = selected.filter(|(selected, track)| track_of(path, *selected) == track.as_deref());
+    let mut selected = selected.map(|(selected, _)| selected).filter(|selected| time_of(path, *selected).is_some());
     let mut changed = path.clone();
     ui.horizontal_wrapped(|ui| options(ui, session, &mut changed, &mut selected, &mut push));
     // The row is always there, so that nothing moves when a caption is selected.
@@ -117,10 +119,17 @@ fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     }
     wipe::row(ui, session, &mut changed);
     lanes(ui, session, &mut changed, &mut selected, &mut push);
-    ui.data_mut(|data| data.insert_temp(known, selected));
+    let with_track = selected.map(|selected| (selected, track_of(&changed, selected).map(str::to_owned)));
+    ui.data_mut(|data| data.insert_temp(known, with_track));
     if changed != *path {
         push(Film::Change(Box::new(changed)));
     }
+}
+
+/// What the track of a selected key changes.
+fn track_of(path: &CameraPath, selected: Selected) -> Option<&str> {
+    let Selected::Key(track, _) = selected else { return None };
+    path.tracks.get(track).map(|track| track.key.as_str())
 }
 
 /// The time of a key, if it is there.

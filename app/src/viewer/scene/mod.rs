@@ -163,7 +163,7 @@ impl Scene {
         }
         self.rewrite_objects(|objects| {
             // A guessed lamp is only for scenes without other lights.
-            objects.lights.retain(|other| other.origin != Origin::Guess);
+            objects.keep_tracks(|objects| objects.lights.retain(|other| other.origin != Origin::Guess));
             let known = objects.lights.clone();
             let is_new = |placed: &&PlacedLight| known.iter().all(|other| other.light != placed.light);
             objects.lights.extend(brought.iter().filter(is_new).cloned());

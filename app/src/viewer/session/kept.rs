@@ -10,8 +10,8 @@ use world::{Change, CloudKey};
 
 use crate::shared::language::text;
 use crate::viewer::loaded::{Beside, Loaded};
-use crate::viewer::objects::Objects;
 use crate::viewer::objects::clouds::CloudEntry;
+use crate::viewer::objects::{ObjectId, Objects};
 use crate::viewer::picture::frame_request::FrameRequest;
 use crate::viewer::picture::messages::Command;
 use crate::viewer::requests::action::KeptStep;
@@ -147,16 +147,18 @@ impl Kept {
                 let Some(state) = self.state.replace(now) else { return };
                 self.drawn = None;
                 let scene = &mut *beside.scene;
-                let tracks = scene.objects.track_count();
                 scene.edit(beside.outside.now, |settings, objects| {
                     *settings = state.settings;
-                    let Objects { lights, no_guess, own_settings, clips, visibility, .. } = state.objects;
+                    let Objects { lights, no_guess, own_settings, clips, visibility, paths, .. } = state.objects;
+                    let ids = lights.iter().map(|placed| placed.id).chain(clips.iter().map(|placed| placed.id));
+                    let back: Vec<ObjectId> = ids.filter(|id| objects.get(*id).is_none()).collect();
                     objects.keep_tracks(|objects| (objects.lights, objects.clips) = (lights, clips));
+                    // What the other state lacks went with its tracks, and both come back.
+                    objects.bring_tracks(&back, &paths);
                     (objects.no_guess, objects.visibility) = (no_guess, visibility);
                     objects.own_settings = own_settings;
                     objects.own_settings.retain(|own| loaded.cloud(own.key).is_some());
                 });
-                scene.tell_lost_tracks(tracks, beside.outside);
                 scene.selected = scene.selected.filter(|id| scene.objects.get(*id).is_some());
                 loaded.sync_own_settings(beside);
             }
@@ -273,6 +275,17 @@ mod tests {
             assert_eq!((objects.lights.len(), objects.paths[0].tracks[0].key.as_str()), (count, key));
             act(&mut session, KeptStep::Swap);
         }
+        // A light that only one of the states has takes its track along.
+        session.act(Action::AddSpot);
+        let count = session.scene.objects.lights.len();
+        session.act(Action::Film(Film::Key(format!("lights.{count}.intensity"))));
+        let tracks = |session: &Session| session.scene.objects.paths[0].tracks.clone();
+        let (before, lights) = (tracks(&session), session.scene.objects.lights.clone());
+        assert_eq!(before.len(), 2);
+        act(&mut session, KeptStep::Swap);
+        assert_eq!(tracks(&session).len(), 1);
+        act(&mut session, KeptStep::Swap);
+        assert_eq!((session.scene.objects.lights.clone(), tracks(&session)), (lights, before));
     }
 
     #[test]

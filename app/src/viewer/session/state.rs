@@ -145,7 +145,11 @@ impl Session {
 
     pub(super) fn remove_cloud(&mut self, key: CloudKey) {
         let input = self.loaded.cloud(key).map(|entry| entry.input.clone()).unwrap_or_default();
+        let tracks = self.scene.objects.track_count();
         self.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
+        if !self.loaded.clouds.is_empty() {
+            self.scene.tell_lost_tracks(tracks, &mut self.outside);
+        }
         self.document.closed(&input, &self.loaded);
         if self.loaded.clouds.is_empty() {
             self.leave_first_look();
