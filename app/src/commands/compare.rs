@@ -49,7 +49,7 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<u8> {
     let compare = || comparing::compare(&first, &second, method, core, &progress);
     let (measured, warnings) = progress_bar::watch("comparing", &progress, compare)?.ok_or(stream::Error::Cancelled)?;
     terminal::warn(param::few(warnings, "warnings"));
-    report(arguments, &measured, &first.units)?;
+    report(arguments, &measured, &Units::in_common([first.units, second.units]))?;
     let (mut status, missing) = (0, lacking.saturating_add(measured.unread));
     if missing > 0 {
         let points = grouped(missing);

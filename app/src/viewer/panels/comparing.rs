@@ -1,6 +1,7 @@
 //! The panel of comparisons: measures the distances of one cloud to another, and keeps a state of the picture to look at
 //! beside the present one.
 
+use codec::Units;
 use egui::{Align2, Color32, Pos2, Rect, RichText, Sense, Ui, pos2, vec2};
 use measure::DistanceFigures;
 
@@ -218,7 +219,12 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
     }
     if let Some(compared) = &loaded.comparisons.last {
-        let unit = first.units.length().map_or(String::new(), |unit| format!(" {unit}"));
+        let second = match loaded.compared_second() {
+            Second::Cloud(key) => loaded.cloud(key).map(|entry| entry.units),
+            Second::Other | Second::File(_) => None,
+        };
+        let units = Units::in_common([first.units].into_iter().chain(second));
+        let unit = units.length().map_or(String::new(), |unit| format!(" {unit}"));
         result(ui, compared, &unit);
     }
 }
