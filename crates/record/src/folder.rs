@@ -42,20 +42,21 @@ impl Folder {
         self.path.join(DESCRIPTION)
     }
 
-    /// Whether the picture of a frame is there, with the recording's size and to its last pixel. One that does not say of
-    /// what it is, as `glint render` and optimisers of PNG files write it, is taken for it.
+    /// Whether the picture of a frame is there, to its last pixel. One that does not say of what it is, as `glint render` and
+    /// optimisers of PNG files write it, is taken for it if it has the size.
     ///
     /// # Errors
-    /// A whole picture is there that says that it is something else.
+    /// A whole picture is there that says that it is something else, or has another size or kind of colours.
     pub fn has(&self, frame: u32, recording: &Description) -> Result<bool> {
         let file = self.picture(frame);
         let decoded = ImageReader::open(&file).map_err(image::ImageError::IoError).and_then(|reader| reader.decode());
         let Ok(picture) = decoded else { return Ok(false) };
-        if self.text(frame, source::RECORDING).is_some_and(|own| own != recording.of_frame(frame)) {
-            let problem = "it is no picture of this recording; move it away, or name another folder".to_owned();
-            return Err(Error::Malformed { name: scene::shown(&file), problem });
+        let is_own = self.text(frame, source::RECORDING).is_none_or(|own| own == recording.of_frame(frame));
+        if is_own && picture.color() == ColorType::Rgb8 && [picture.width(), picture.height()] == recording.size {
+            return Ok(true);
         }
-        Ok(picture.color() == ColorType::Rgb8 && [picture.width(), picture.height()] == recording.size)
+        let problem = "it is no picture of this recording; move it away, or name another folder".to_owned();
+        Err(Error::Malformed { name: scene::shown(&file), problem })
     }
 
     /// What has drawn the picture of a frame, where its file says that.
@@ -190,7 +191,7 @@ mod tests {
         // One that says nothing is taken if it has the size.
         std::fs::write(folder.picture(7), png(None)).unwrap();
         assert!(folder.has(7, &tour).unwrap());
-        assert!(!folder.has(7, &Description { size: [30, 40], ..tour }).unwrap());
+        assert!(folder.has(7, &Description { size: [30, 40], ..tour }).is_err());
     }
 
     #[test]
