@@ -6,7 +6,7 @@ use serde_json::json;
 use crate::shared::language::text;
 use crate::viewer::filming;
 use crate::viewer::loaded::Loaded;
-use crate::viewer::requests::action::{Action, KeptStep, Measuring, Palette, SavePicture};
+use crate::viewer::requests::action::{Action, KeptStep, Measuring, Palette};
 use crate::viewer::requests::columns::Naming;
 use crate::viewer::requests::outside::Effect;
 use crate::viewer::requests::path_prompt::{PathPrompt, Purpose};
@@ -58,11 +58,11 @@ impl Session {
             Action::File(filing) => self.file(filing),
             Action::Export(step) => self.loaded.export(step, &self.scene, &mut self.outside),
             Action::SavePicture(step) => {
-                let is_saved = matches!(step, SavePicture::AtOnce | SavePicture::To(_));
-                if is_saved && (self.kept.is_asked_for() || self.truth.is_asked_for()) {
-                    self.outside.note(text!("The present picture is saved alone, without what it is compared with"));
+                let Self { tools, scene, frames, loaded, outside, kept, truth, .. } = self;
+                let is_saved = tools.save_picture(step, scene, frames, loaded, outside);
+                if is_saved && (kept.is_asked_for() || truth.is_asked_for()) {
+                    outside.note(text!("The present picture is saved alone, without what it is compared with"));
                 }
-                self.tools.save_picture(step, &self.scene, &self.frames, &self.loaded, &mut self.outside)
             }
             Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
             Action::Ghosts(step) => self.with_loaded(|loaded, beside| loaded.ghost(step, beside)),

@@ -209,7 +209,8 @@ impl Scene {
         PictureDraft { path: path.display().to_string(), size: self.view_size, is_shown: false }
     }
 
-    /// Saves the picture: as it is shown and under a free name, or as a person has asked for it.
+    /// Saves the picture: as it is shown and under a free name, or as a person has asked for it. Returns whether there is
+    /// one that can be saved.
     pub fn save_picture(
         &self,
         draft: Option<&PictureDraft>,
@@ -217,20 +218,21 @@ impl Scene {
         loaded: &Loaded,
         facts: Facts,
         outside: &mut Outside,
-    ) {
+    ) -> bool {
         let Some(shown) = &frames.shown else {
             outside.note(text!("There is no picture to save yet"));
-            return;
+            return false;
         };
         if self.posed.as_ref().is_some_and(|posed| posed.is_wiped) {
             outside.note(text!("This picture shows several states: Record… in the timeline saves it"));
-            return;
+            return false;
         }
         let size = draft.map_or(self.view_size, |draft| draft.size);
         let request = FrameRequest { camera: self.camera, size, ..shown.request.clone() };
         let request = request.unhurried(&self.settings);
         let path = draft.map_or_else(|| free_picture(loaded), |draft| draft.place().into());
         outside.save_picture(request, path, facts);
+        true
     }
 }
 

@@ -141,7 +141,7 @@ impl Tools {
     }
 
     /// Saves the picture as a file, with the overlays that are switched on, or does a step of asking for its size and
-    /// place.
+    /// place. Returns whether one is saved.
     pub fn save_picture(
         &mut self,
         step: SavePicture,
@@ -149,16 +149,25 @@ impl Tools {
         frames: &Frames,
         loaded: &Loaded,
         outside: &mut Outside,
-    ) {
+    ) -> bool {
         let draft = match step {
             SavePicture::AtOnce => None,
             SavePicture::To(draft) => Some(draft),
-            SavePicture::Ask => return self.picture_draft = Some(scene.picture_draft(loaded)),
-            SavePicture::Change(draft) => return self.picture_draft = draft.map(|draft| *draft),
-            SavePicture::Browse(proposed) => return outside.push(Effect::AskPlace(Asked::Picture, proposed)),
+            SavePicture::Ask => {
+                self.picture_draft = Some(scene.picture_draft(loaded));
+                return false;
+            }
+            SavePicture::Change(draft) => {
+                self.picture_draft = draft.map(|draft| *draft);
+                return false;
+            }
+            SavePicture::Browse(proposed) => {
+                outside.push(Effect::AskPlace(Asked::Picture, proposed));
+                return false;
+            }
         };
         self.picture_draft = None;
-        scene.save_picture(draft.as_deref(), frames, loaded, facts(scene, loaded, &self.measurements), outside);
+        scene.save_picture(draft.as_deref(), frames, loaded, facts(scene, loaded, &self.measurements), outside)
     }
 
     /// Shows one kind of handles, or all of them again.
@@ -463,13 +472,16 @@ mod tests {
         let at = |place: i32| (f64::from(place) * 0.1 - 2.0) as f32;
         let chunk = Chunk::new(0, DVec3::ZERO, (0..1600).map(|i| [-3.0, at(i % 40), at(i / 40)]).collect());
         let test = Arc::new(PointTest::default().of(&CloudLayout::default()));
-        let wall = Target { bounds: chunk.bounds(), chunk, test };
+        let wall = Target { bounds: chunk.bounds(), chunk, test: test.clone() };
+        // Another part of the cloud lies far behind the eye, and beside the line.
+        let chunk = Chunk::new(1600, DVec3::ZERO, vec![[-4000.0, 90.0, 0.0]]);
+        let far = Target { bounds: chunk.bounds(), chunk, test };
         for (projection, is_met) in [(Projection::Orthographic, true), (Projection::Perspective, false)] {
             scene.settings.view.projection = projection;
-            let met = inspection::cast(&sight_line(scene, [32, 24], vec![wall.clone()]));
+            let met = inspection::cast(&sight_line(scene, [32, 24], vec![far.clone(), wall.clone()]));
             let (place, seen_from) = (met.map(|met| met.position), met.map(|met| eye_before(scene, met.position)));
             let is_near = |found: Option<DVec3>, x: f64| {
-                found.is_some_and(|found| (found.x - x).abs() < 1e-5 && DVec2::new(found.y, found.z).length() < 1.0)
+                found.is_some_and(|found| (found.x - x).abs() < 1e-5 && DVec2::new(found.y, found.z).length() < 0.2)
             };
             assert_eq!((is_near(place, -3.0), is_near(seen_from, -13.0)), (is_met, is_met), "{place:?} {seen_from:?}");
         }
