@@ -336,8 +336,7 @@ impl Director {
     }
 
     fn add(&mut self, arrival: Arrival) -> Option<()> {
-        let Arrival { cloud, input, name, fit, pages, is_own, missing: unread, was_built, estimate, previews } =
-            arrival;
+        let Arrival { cloud, input, name, fit, pages, is_own, missing, was_built, estimate, previews } = arrival;
         let mut before = self.clouds.remove(&cloud);
         // All nodes are read anew.
         if let Some(problem) = before.as_mut().and_then(|before| before.told.take()) {
@@ -357,7 +356,7 @@ impl Director {
         let point_bytes = pages.point_bytes();
         let summary = codec::Summary {
             points: octree.points(),
-            missing: unread,
+            missing,
             bounds: octree.nodes.first().map(|root| root.bounds),
             warnings: pages.warnings().to_vec(),
             cancelled: false,
