@@ -354,7 +354,7 @@ fn the_tracks_of_a_mirror_that_a_scene_brought_go_with_it_when_that_is_closed() 
     }
     assert_eq!(keys(&session).len(), 2);
     let key = session.loaded.clouds.iter().find(|entry| entry.input == "b.ply").unwrap().key;
-    session.with_loaded(|loaded, beside| loaded.remove_cloud(key, beside));
+    session.act(Action::RemoveCloud(key));
     let told = &session.outside.messages.all.last().unwrap().text;
     assert_eq!(told, "Tracks of paths that are removed with it: 1");
     assert_eq!(keys(&session), ["sun.elevation"]);

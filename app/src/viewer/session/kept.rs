@@ -213,7 +213,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::bench::Bench;
-    use crate::viewer::requests::action::{Action, Clipping, Film, PathPreset};
+    use crate::viewer::requests::action::{Action, Clipping, Film, PathPreset, SavePicture};
     use crate::viewer::session::Session;
 
     fn act(session: &mut Session, step: KeptStep) {
@@ -310,6 +310,10 @@ mod tests {
         bench.settle();
         let kept = picture(&bench.session).expect("its picture");
         assert!(kept == before, "the kept state looks as it did");
+        bench.session.act(Action::SavePicture(SavePicture::AtOnce));
+        let told = bench.session.outside.messages.all.last().map(|message| message.text.as_str());
+        assert!(told.is_some_and(|told| told.contains("is saved alone")), "{told:?}");
+        bench.session.outside.effects.clear();
         assert!(read(&mut bench) == after, "and the present one as it does");
         // From elsewhere it is drawn anew.
         bench.session.act(Action::Orbit(glam::DVec2::new(60.0, 0.0)));
