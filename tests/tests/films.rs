@@ -257,12 +257,14 @@ fn a_disk_that_gets_full_leaves_the_pictures_so_far() {
     same_pictures(&folder.path("whole"), &folder.path("full"));
 }
 
-/// A PNG file whose text `Source`, right behind the header, is another.
+/// A PNG file whose text `Source` is another.
 fn drawn_by(png: &[u8], source: &str) -> Vec<u8> {
-    let length = u32::from_be_bytes(png[33..37].try_into().expect("four bytes")) as usize;
-    let chunk = [b"tEXtSource\0", source.as_bytes()].concat();
+    let kind = b"tEXtSource\0".as_slice();
+    let at = png.windows(kind.len()).position(|own| own == kind).expect("a source") - 4;
+    let length = u32::from_be_bytes(png[at..at + 4].try_into().expect("four bytes")) as usize;
+    let chunk = [kind, source.as_bytes()].concat();
     let length_now = (chunk.len() as u32 - 4).to_be_bytes();
-    [&png[..33], &length_now, &chunk, &crc32fast::hash(&chunk).to_be_bytes(), &png[33 + length + 12..]].concat()
+    [&png[..at], &length_now, &chunk, &crc32fast::hash(&chunk).to_be_bytes(), &png[at + length + 12..]].concat()
 }
 
 #[test]
