@@ -231,7 +231,7 @@ pub fn from_angles(degrees: DVec3, up: DVec3) -> DQuat {
 
 fn angles(rotation: DQuat, up: DVec3) -> DVec3 {
     let (yaw, pitch, roll) = rotation.to_euler(order(up));
-    // Rounding removes -0 and digits that come from the conversion only.
+    // Rounding removes -0, digits that come from the conversion only, and others for which fields have no room.
     DVec3::new(yaw, pitch, roll).map(|angle| (angle.to_degrees() * 1e4).round() / 1e4 + 0.0)
 }
 
