@@ -12,6 +12,14 @@ pub struct PassTime {
     pub milliseconds: f64,
 }
 
+impl PassTime {
+    /// Whether the pass draws shadow maps that stand until what they show changes: those of lamps, or those of virtual
+    /// lights, if there are any, which are placed by passes of their own.
+    pub fn draws_shadow_maps(&self, has_virtual_lights: bool) -> bool {
+        self.name == "shadow_maps" || has_virtual_lights && self.name.starts_with("vpl_")
+    }
+}
+
 /// The times of a frame, milliseconds.
 pub(crate) struct Times {
     /// In order; passes that ran several times are summed. None if they were timed together.

@@ -144,12 +144,20 @@ impl Renderer {
 
     /// Forgets everything that is kept between frames, so that the next frame is made from scratch. For measurements.
     pub fn forget(&mut self) {
-        (self.made_from, self.splatted_from, self.kept_shadows) = (None, None, Vec::new());
+        self.forget_all_but_shadow_maps();
+        self.kept_shadows.clear();
+        self.gi.forget();
+    }
+
+    /// Forgets what is kept between frames as `forget` does, but for the shadow maps of lamps and virtual lights, which
+    /// stay for a frame that needs the same ones. For measurements of what needs no other shadow maps.
+    pub fn forget_all_but_shadow_maps(&mut self) {
+        (self.made_from, self.splatted_from) = (None, None);
         if let Some(reflections) = &mut self.reflections {
             reflections.forget();
             reflections.forget_hits();
         }
-        self.gi.forget();
+        self.gi.keeper.forget();
         self.caustics.forget();
         self.exposure.is_used = false;
     }

@@ -379,6 +379,36 @@ fn brightness_and_colours_change_the_light_but_not_the_shadow_maps() {
 }
 
 #[test]
+fn a_frame_that_forgets_all_but_shadow_maps_draws_all_but_those_and_the_same_picture() {
+    let mut stage = stage_or_skip!();
+    let (store, mirrors) = (five_mirrors_store(&stage, Variant::None, 20_000), Variant::Sphere.mirrors());
+    let [mut traced, mut mapped] = [(); 2].map(|()| settings(&[("gi.vpls", "64"), ("mirror.surface", "exact")]));
+    traced.set_text("reflection.method", "surfel_trace").unwrap();
+    mapped.set_text("reflection.method", "environment_map").unwrap();
+    let mut draw = |settings: &Settings, keeps_maps: bool| {
+        match keeps_maps {
+            true => stage.renderer.forget_all_but_shadow_maps(),
+            false => stage.renderer.forget(),
+        }
+        let (camera, lights) = (five_mirrors::camera(), [five_mirrors::light()]);
+        let objects = Objects { mirrors: &mirrors, lights: &lights, ..Objects::default() };
+        let stats = stage.renderer.render(&store, &Frame::new(&camera, settings, objects, SIZE)).unwrap();
+        (stats.passes, stage.renderer.read_picture().unwrap())
+    };
+    let (whole, picture) = draw(&traced, false);
+    let (mapped, _) = draw(&mapped, true);
+    let draws = |name| mapped.iter().any(|pass| pass.name == name);
+    assert!(draws("environment_map") && mapped.iter().all(|pass| !pass.draws_shadow_maps(true)), "{mapped:?}");
+    for _ in 0..2 {
+        let (passes, again) = draw(&traced, true);
+        let drawn: Vec<&str> = passes.iter().map(|pass| pass.name).collect();
+        let others = whole.iter().filter(|pass| !pass.draws_shadow_maps(true));
+        assert_eq!(drawn, others.map(|pass| pass.name).collect::<Vec<_>>());
+        assert!(passes.len() < whole.len() && again == picture);
+    }
+}
+
+#[test]
 fn light_may_lag_behind_points_that_come_and_is_right_when_it_may_not() {
     let mut stage = stage_or_skip!();
     let floor = wall(DVec3::new(-1.0, -1.0, 0.0), [DVec3::X * 2.0, DVec3::Y * 2.0]);
