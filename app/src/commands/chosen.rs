@@ -106,7 +106,7 @@ pub fn choose(
     terminal::warn(problem);
     let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
         interrupt::check()?;
-        Ok(subject.render(renderer, settings, size)?)
+        Ok(subject.render_next(renderer, settings, size)?)
     };
     let view = (&subject.camera, size);
     let mut hands = auto::Hands { renderer, draw: &mut draw, model: &mut model };

@@ -432,20 +432,19 @@ pub struct Slowest {
 impl Costs {
     /// The milliseconds that a frame is expected to take; `None` if no frame of the kind was measured yet.
     pub fn predict(&self, work: &Workload, settings: &Settings) -> Option<f64> {
-        let mut total = 0.0;
-        for stage in STAGES {
-            let passes = self.passes.get(&(stage.name(), variant(stage, settings, work)));
-            let amounts = drivers(stage).iter().map(|driver| work.amount(*driver));
-            let of_driver = |(index, amount): (usize, f64)| -> f64 {
-                passes.into_iter().flatten().map(|(_, costs)| costs[index] * amount).sum()
-            };
-            // Without mirrors in the view no pass of the method is run.
-            if passes.is_none() && !(stage == PassStage::Method && work.mirror_pixels == 0.0) {
-                return None;
-            }
-            total += amounts.enumerate().map(of_driver).sum::<f64>();
-        }
-        Some(total)
+        STAGES.into_iter().map(|stage| self.predict_stage(stage, work, settings)).sum()
+    }
+
+    /// The milliseconds that the passes of a stage are expected to take in a frame; `None` as for `predict`.
+    pub fn predict_stage(&self, stage: PassStage, work: &Workload, settings: &Settings) -> Option<f64> {
+        let passes = self.passes.get(&(stage.name(), variant(stage, settings, work)));
+        let amounts = drivers(stage).iter().map(|driver| work.amount(*driver));
+        let of_driver = |(index, amount): (usize, f64)| -> f64 {
+            passes.into_iter().flatten().map(|(_, costs)| costs[index] * amount).sum()
+        };
+        // Without mirrors in the view no pass of the method is run.
+        let is_known = passes.is_some() || stage == PassStage::Method && work.mirror_pixels == 0.0;
+        is_known.then(|| amounts.enumerate().map(of_driver).sum())
     }
 
     /// The most expensive pass of a frame, with what lowers its time. `None` if the frame had no passes.

@@ -69,7 +69,7 @@ impl Loaded {
     ) -> anyhow::Result<(Target, Choice)> {
         let Self { subject, explored, .. } = self;
         let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
-            Ok(subject.render(renderer, settings, size)?)
+            Ok(subject.render_next(renderer, settings, size)?)
         };
         let mut hands = Hands { renderer, draw: &mut draw, model };
         let (_, _, known) = match explored.take().filter(|(of, size, _)| of == settings && *size == case.size) {

@@ -99,7 +99,7 @@ pub fn drawn_size(size: [u32; 2], settings: &Settings) -> [u32; 2] {
 }
 
 /// A frame that was drawn, as far as errors follow from it.
-struct Shown {
+pub struct Shown {
     size: [u32; 2],
     /// Red, green, blue and opacity as on a screen.
     picture: Vec<u8>,
@@ -109,7 +109,11 @@ struct Shown {
 }
 
 impl Shown {
-    fn read(renderer: &Renderer, camera: &Camera, settings: &Settings, size: [u32; 2]) -> render::Result<Self> {
+    /// Takes the frame that was rendered last; `size` is that in which it was drawn.
+    ///
+    /// # Errors
+    /// Nothing was rendered yet, or the device was lost.
+    pub fn read(renderer: &Renderer, camera: &Camera, settings: &Settings, size: [u32; 2]) -> render::Result<Self> {
         let is_reflected = settings.reflection.method != Method::None && settings.reflection.bounces > 0;
         let found = is_reflected.then(|| renderer.read_aov_from(Aov::MirrorPosition, camera.eye));
         let depth = renderer.read_aov(Aov::Depth)?.data;
@@ -188,7 +192,8 @@ impl Still {
         self.error_of(&self.shown)
     }
 
-    fn error_of(&self, shown: &Shown) -> StillError {
+    /// The error of a frame of the same view.
+    pub fn error_of(&self, shown: &Shown) -> StillError {
         let [mirrors, rest] = self.differences(shown);
         let count = (mirrors.len() + rest.len()).max(1) as f64;
         let delta_e = mirrors.iter().chain(&rest).sum::<f64>() / count;

@@ -127,6 +127,19 @@ impl Subject {
     /// The device was lost, or the picture is too large.
     pub fn render(&self, renderer: &mut Renderer, settings: &Settings, size: [u32; 2]) -> render::Result<FrameStats> {
         renderer.forget();
+        self.render_next(renderer, settings, size)
+    }
+
+    /// Renders a frame with what the renderer kept of those before.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`].
+    pub fn render_next(
+        &self,
+        renderer: &mut Renderer,
+        settings: &Settings,
+        size: [u32; 2],
+    ) -> render::Result<FrameStats> {
         renderer.render(&self.store, &Frame::new(&self.camera, settings, self.objects(), size))
     }
 }

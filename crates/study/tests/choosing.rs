@@ -47,7 +47,7 @@ fn chosen(
         if !METHODS_TRIED.contains(&settings.reflection.method) {
             return Err(Error::PerfectMirrorsOnly { method: settings.reflection.method.row().name }.into());
         }
-        let stats = subject.render(renderer, settings, size)?;
+        let stats = subject.render_next(renderer, settings, size)?;
         let mut passes = times(settings, size);
         passes.iter_mut().for_each(|pass| pass.milliseconds *= disturbed(frames));
         frames += 1;

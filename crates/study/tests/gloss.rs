@@ -197,7 +197,8 @@ fn auto_chooses_no_method_that_refuses_the_glossy_mirrors_of_a_scene() {
         "gi.interleave",
     ];
     let fixed = fixed.map(str::to_owned);
-    let mut draw = |renderer: &mut Renderer, settings: &Settings, size| Ok(subject.render(renderer, settings, size)?);
+    let mut draw =
+        |renderer: &mut Renderer, settings: &Settings, size| Ok(subject.render_next(renderer, settings, size)?);
     let mut hands = Hands { renderer: &mut renderer, draw: &mut draw, model: &mut CostModel::default() };
     // Light is fixed, so what is known of the view serves targets of all kinds.
     let mut explored = Explored::new(&settings, &fixed, (&camera, [48, 36]), true, &mut hands).unwrap();

@@ -471,7 +471,6 @@ impl Worker {
         self.held = None;
         let Self { renderer, resident, .. } = self;
         let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
-            renderer.forget();
             Ok(renderer.render(&resident.store, &render::Frame::new(camera, settings, objects, size))?)
         };
         let mut hands = auto::Hands { renderer, draw: &mut draw, model };

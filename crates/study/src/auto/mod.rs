@@ -3,7 +3,7 @@
 //!
 //! 1. It draws the picture with the settings as they are, and the still picture, against which errors count.
 //! 2. It changes one setting at a time and draws a small picture. The error of each change is known then, and the cost
-//!    model learns its time. Methods that are known to take three times as long as the exact one are left out.
+//!    model learns its time. Methods that are known to take longer than the exact one are left out.
 //! 3. Of all combinations it predicts time and error: the time by the cost model, the error by the changes' squares,
 //!    which add up where errors are independent, those of mirrors' colours and of the rest's apart: the worse of the two
 //!    counts. It draws the most promising combination, learns from it, and goes on until the most promising one is
@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use render::{FrameStats, Renderer};
+use render::{FrameStats, PassTime, Renderer};
 use scene::{Camera, Method, Settings};
 
 pub use self::changes::KnownErrors;
@@ -30,9 +30,9 @@ use self::changes::{
     Change, Combination, Kind, Squares, changes_of, combinations, correct, differing, predicted_error, squares_of,
     without_dominated,
 };
-use self::search::{Drawn, Search, is_no_choice, slow};
+use self::search::{Drawn, Search, Trial, is_no_choice, slow};
 use crate::cost::{CostModel, Costs, Workload};
-use crate::still::{Still, StillError, Target, drawn_size, judging_settings};
+use crate::still::{Shown, Still, StillError, Target, drawn_size, judging_settings};
 
 /// The most pixels of the small pictures by which single changes are judged.
 const SMALL: f64 = 320.0 * 240.0;
@@ -82,7 +82,7 @@ impl Choice {
     }
 }
 
-/// Draws a frame from scratch with these settings in this size.
+/// Draws a frame with these settings in this size, and with what the renderer kept of those before.
 pub type Draw<'a> = dyn FnMut(&mut Renderer, &Settings, [u32; 2]) -> anyhow::Result<FrameStats> + 'a;
 
 /// What draws a view and learns from its times.
@@ -139,6 +139,9 @@ pub struct Explored {
     /// The milliseconds of a frame with the base's settings, and what it did.
     milliseconds: f64,
     work: Workload,
+    /// That frame, and its passes.
+    shown: Shown,
+    passes: Vec<PassTime>,
     kind: Kind,
     still_settings: Settings,
     /// The changes that may be made.
@@ -210,7 +213,9 @@ impl Explored {
         local.fade(OTHER_SCENES);
         let mut search = Search { camera, hands, local, frames: 0 };
         let stats = search.timed(&base, size, (0.0, f64::INFINITY))?;
-        let work = Workload::of(&stats, &base, drawn_size(size, &base));
+        let drawn_size = drawn_size(size, &base);
+        let work = Workload::of(&stats, &base, drawn_size);
+        let shown = Shown::read(search.hands.renderer, camera, &base, drawn_size)?;
         let changes = changes_of(&base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
         let still_settings = still_of(&base, fixed);
         let kind = Kind::new(work.mirrors > 0.0, fixed);
@@ -225,6 +230,8 @@ impl Explored {
             size,
             milliseconds: stats.frame_milliseconds,
             work,
+            shown,
+            passes: stats.passes,
             kind,
             changes,
             expected,
@@ -268,16 +275,20 @@ impl Explored {
     fn judge(&mut self, hands: &mut Hands<'_, '_>) -> anyhow::Result<Judged> {
         let start = Instant::now();
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
-        let (base, exact) = ((&self.base, &self.work), self.still_settings.reflection.method);
-        let (size, small) = (self.size, small(self.size));
+        let (size, small, exact) = (self.size, small(self.size), self.still_settings.reflection.method);
         let (of_small, milliseconds) = search.still(&self.still_settings, small)?;
-        let (error, changes) = search.measured(base, &self.changes, exact, &of_small, small)?;
+        let (error, passes) = match size == small {
+            true => (of_small.error_of(&self.shown), self.passes.clone()),
+            false => search.base_of_small(&self.base, &of_small, small)?,
+        };
+        let (base, work, squares) = (&self.base, &self.work, squares_of(&error));
+        let trial = Trial { base, work, still: &of_small, size: small, squares, passes };
+        let changes = search.measured(&trial, &self.changes, exact)?;
         let (error, still, milliseconds) = match size == small {
             true => (error, of_small, milliseconds),
             false => {
                 let (still, milliseconds) = search.still(&self.still_settings, size)?;
-                let times = (self.milliseconds, f64::INFINITY);
-                (search.drawn(&self.base, &still, size, times)?.error, still, milliseconds)
+                (still.error_of(&self.shown), still, milliseconds)
             }
         };
         search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&error), &changes);

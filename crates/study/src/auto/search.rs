@@ -1,10 +1,10 @@
 //! Draws settings of a view, with their times and errors.
 
-use render::FrameStats;
+use render::{FrameStats, PassStage, PassTime};
 use scene::{Camera, Method, Settings};
 
 use super::Hands;
-use super::changes::{Change, squares_of};
+use super::changes::{Change, Squares, squares_of};
 use crate::cost::{CostModel, Costs, Workload};
 use crate::still::{Still, StillError, drawn_size};
 
@@ -38,8 +38,26 @@ fn telling(times: &[f64], expected: f64) -> Option<usize> {
     }
 }
 
-/// Methods that are known to take so many times what an exact one takes are not tried.
-const SLOW: f64 = 3.0;
+/// Methods whose passes are known to take so many times what those of an exact one take are not tried.
+const SLOW: f64 = 1.5;
+
+/// The milliseconds of the passes that find reflections.
+fn of_method(stats: &FrameStats) -> f64 {
+    let passes = stats.passes.iter().filter(|pass| pass.stage == PassStage::Method);
+    passes.map(|pass| pass.milliseconds).sum()
+}
+
+/// The still picture in the size in which changes are tried, and what is known of the picture before any change.
+pub struct Trial<'a> {
+    pub base: &'a Settings,
+    /// What a frame of the whole picture does.
+    pub work: &'a Workload,
+    pub still: &'a Still,
+    pub size: [u32; 2],
+    /// The squares of its errors, and its passes.
+    pub squares: Squares,
+    pub passes: Vec<PassTime>,
+}
 
 pub struct Search<'a, 'b, 'c> {
     pub camera: &'a Camera,
@@ -57,8 +75,10 @@ impl Search<'_, '_, '_> {
         Ok((Still::read(self.hands.renderer, self.camera, settings, size)?, milliseconds))
     }
 
+    /// Draws a frame from scratch.
     fn frame(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<FrameStats> {
         self.frames += 1;
+        self.hands.renderer.forget();
         (self.hands.draw)(self.hands.renderer, settings, size)
     }
 
@@ -72,27 +92,33 @@ impl Search<'_, '_, '_> {
     /// Draws frames of a picture of `size` until one tells its time, or two took [`FAR`] times what `matters`. The cost
     /// models learn from that frame, which is returned. Frames for which shaders were compiled tell no time. One frame is
     /// enough if it takes no longer than `expected`.
-    pub fn timed(
+    pub fn timed(&mut self, settings: &Settings, size: [u32; 2], times: (f64, f64)) -> anyhow::Result<FrameStats> {
+        let size = drawn_size(size, settings);
+        let draw = |search: &mut Self| search.frame(settings, size);
+        let stats = self.told(draw, |stats| stats.frame_milliseconds, times)?;
+        self.learn(&stats, settings, size);
+        Ok(stats)
+    }
+
+    /// Draws frames until one tells the time of what is measured, as [`Self::timed`] does.
+    fn told(
         &mut self,
-        settings: &Settings,
-        size: [u32; 2],
+        mut draw: impl FnMut(&mut Self) -> anyhow::Result<FrameStats>,
+        measured: impl Fn(&FrameStats) -> f64,
         (expected, matters): (f64, f64),
     ) -> anyhow::Result<FrameStats> {
-        let size = drawn_size(size, settings);
         let (mut frames, mut far): (Vec<FrameStats>, usize) = (Vec::new(), 0);
         loop {
-            let stats = self.frame(settings, size)?;
+            let stats = draw(self)?;
             if stats.has_compiled {
                 continue;
             }
-            far += usize::from(stats.frame_milliseconds > FAR * matters);
+            far += usize::from(measured(&stats) > FAR * matters);
             frames.push(stats);
-            let times: Vec<f64> = frames.iter().map(|stats| stats.frame_milliseconds).collect();
+            let times: Vec<f64> = frames.iter().map(&measured).collect();
             let is_far = (far > 1).then_some(frames.len() - 1);
             if let Some(index) = telling(&times, expected).or(is_far) {
-                let stats = frames.swap_remove(index);
-                self.learn(&stats, settings, size);
-                return Ok(stats);
+                return Ok(frames.swap_remove(index));
             }
         }
     }
@@ -115,38 +141,77 @@ impl Search<'_, '_, '_> {
         Ok(Drawn { settings: settings.clone(), milliseconds, error })
     }
 
-    /// Draws a picture of `size` for each change of `base`, and returns the squares of the errors of `base`, and what the
-    /// changes add to them. A method that takes no longer than its known time is drawn once. Methods that are known to
-    /// take far longer than `exact`, which makes no error, are left out. `work` is what a frame of the whole picture
-    /// does with `base`.
-    pub fn measured(
+    /// Draws a small picture without any change. Returns its error and its passes.
+    pub fn base_of_small(
         &mut self,
-        (base, work): (&Settings, &Workload),
-        changes: &[Change],
-        exact: Method,
+        base: &Settings,
         still: &Still,
         size: [u32; 2],
-    ) -> anyhow::Result<(StillError, Vec<Change>)> {
-        let small = work.of_pixels(size.map(f64::from).iter().product(), base);
-        let mut traced = base.clone();
+    ) -> anyhow::Result<(StillError, Vec<PassTime>)> {
+        let passes = self.timed(base, size, (f64::INFINITY, f64::INFINITY))?.passes;
+        let error = still.error(self.hands.renderer, self.camera, base, drawn_size(size, base))?;
+        Ok((error, passes))
+    }
+
+    /// Draws a picture of a change, and returns its error. Shadow maps are those of the frame before where they are the
+    /// same; in what the cost models learn they take what they took in the picture without the change. Of a method the
+    /// time of its passes is measured, with `times` as for [`Self::timed`]; other changes are timed with the rest.
+    fn tried(
+        &mut self,
+        change: &Change,
+        settings: &Settings,
+        trial: &Trial<'_>,
+        times: (f64, f64),
+    ) -> anyhow::Result<StillError> {
+        let (size, is_of_method) = (drawn_size(trial.size, settings), change.is_of_method());
+        let mut has_own_maps = false;
+        let draw = |search: &mut Self| {
+            // A method's shadow maps are those without the change. Others that stand would have no known time.
+            if has_own_maps {
+                return search.frame(settings, size);
+            }
+            search.frames += 1;
+            search.hands.renderer.forget_all_but_shadow_maps();
+            let stats = (search.hands.draw)(search.hands.renderer, settings, size)?;
+            has_own_maps = !is_of_method && stats.passes.iter().any(|pass| pass.draws_shadow_maps(true));
+            Ok(stats)
+        };
+        let mut stats = match is_of_method {
+            true => self.told(draw, of_method, times)?,
+            false => self.told(draw, |_| 0.0, (0.0, f64::INFINITY))?,
+        };
+        let stands = |pass: &&PassTime| {
+            let is_drawn = stats.passes.iter().any(|drawn| drawn.name == pass.name);
+            pass.draws_shadow_maps(stats.virtual_lights > 0) && !is_drawn
+        };
+        let standing: Vec<PassTime> = trial.passes.iter().filter(stands).cloned().collect();
+        stats.passes.extend(standing);
+        self.learn(&stats, settings, size);
+        Ok(trial.still.error(self.hands.renderer, self.camera, settings, size)?)
+    }
+
+    /// Draws a small picture for each change, and returns what the changes add to the squares of the errors. What needs no
+    /// other shadow maps is drawn with those of the frame before. A method that takes no longer than its known time is
+    /// drawn once. Methods that are known to take longer than `exact`, which makes no error, are left out.
+    pub fn measured(&mut self, trial: &Trial<'_>, changes: &[Change], exact: Method) -> anyhow::Result<Vec<Change>> {
+        let Trial { base, work, squares: of_base, .. } = trial;
+        let small = work.of_pixels(trial.size.map(f64::from).iter().product(), base);
+        let mut traced = (*base).clone();
         traced.reflection.method = exact;
-        let error_of_base = self.drawn(base, still, size, (0.0, f64::INFINITY))?.error;
-        let of_base = squares_of(&error_of_base);
         let mut measured = Vec::new();
         for change in changes {
             let (settings, costs) = (change.of(base), self.local.costs());
-            if slow(&costs, (base, work), exact, size)(change) {
+            if slow(&costs, (base, work), exact, trial.size)(change) {
                 continue;
             }
-            let time = |settings: &Settings| costs.predict(&small.with(base, settings), settings);
-            // What costs the same passes as other changes is timed with them. A method rests on its own frames.
-            let expected = time(&settings).map_or(0.0, |own| if change.is_of_method() { own } else { f64::INFINITY });
-            let times = (expected, time(&traced).unwrap_or(f64::INFINITY));
-            let own = match (settings != *base).then(|| self.drawn(&settings, still, size, times)) {
-                Some(Ok(drawn)) => squares_of(&drawn.error),
+            let time =
+                |settings: &Settings| costs.predict_stage(PassStage::Method, &small.with(base, settings), settings);
+            let times = (time(&settings).unwrap_or(0.0), time(&traced).unwrap_or(f64::INFINITY));
+            let own = match (settings != **base).then(|| self.tried(change, &settings, trial, times)) {
+                Some(Ok(error)) => squares_of(&error),
                 Some(Err(error)) if is_no_choice(&error) => continue,
                 Some(Err(error)) => return Err(error),
-                None => of_base,
+                None => *of_base,
             };
             measured.push(Change { squares: std::array::from_fn(|part| own[part] - of_base[part]), ..change.clone() });
         }
@@ -155,24 +220,29 @@ impl Search<'_, '_, '_> {
             let settings = change.of(base);
             change.milliseconds = costs.predict(&work.with(base, &settings), &settings).unwrap_or(f64::INFINITY);
         }
-        Ok((error_of_base, measured))
+        Ok(measured)
     }
 }
 
-/// Whether a change is to a method that is known to take far longer than `exact` in a picture of `size`. In small
-/// pictures, in which they are tried, times are known best.
+/// Whether a change is to a method whose passes are known to take longer than those of `exact`, in the whole picture and
+/// in one of `size`: in small pictures, in which methods are tried, times are known best.
 pub fn slow<'a>(
     costs: &'a Costs,
     (base, work): (&'a Settings, &'a Workload),
     exact: Method,
     size: [u32; 2],
 ) -> impl Fn(&Change) -> bool + 'a {
-    let work = work.of_pixels(size.map(f64::from).iter().product::<f64>(), base);
-    let time = move |settings: &Settings| costs.predict(&work.with(base, settings), settings);
+    let small = work.of_pixels(size.map(f64::from).iter().product::<f64>(), base);
     let mut traced = base.clone();
     traced.reflection.method = exact;
-    let longest = time(&traced).map_or(f64::INFINITY, |milliseconds| SLOW * milliseconds);
-    move |change| change.is_of_method() && time(&change.of(base)).is_some_and(|milliseconds| milliseconds > longest)
+    let is_longer = move |settings: &Settings, work: &Workload| {
+        let time = |settings| costs.predict_stage(PassStage::Method, &work.with(base, settings), settings);
+        matches!((time(settings), time(&traced)), (Some(own), Some(exact)) if own > SLOW * exact)
+    };
+    move |change| {
+        let settings = change.of(base);
+        change.is_of_method() && [&small, work].into_iter().all(|work| is_longer(&settings, work))
+    }
 }
 
 /// Whether a picture was refused because of its method: one that cannot show the scene's glossy mirrors, or not beside
