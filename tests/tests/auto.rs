@@ -129,6 +129,14 @@ fn an_error_of_reflections_leaves_the_light_alone_and_named_parameters_stay() {
 }
 
 #[test]
+fn a_method_that_is_named_stays_where_only_another_one_keeps_to_the_target() {
+    let folder = Folder::new();
+    let Some(stats) = stats(&folder, "a.png", &["--method", "environment_map", "--error", "0.05px"]) else { return };
+    let set = &stats["auto"]["set"];
+    assert_eq!(set["reflection.method"], "environment_map", "{set}");
+}
+
+#[test]
 fn a_time_without_end_gives_the_still_picture_and_one_that_nothing_keeps_to_is_told() {
     let folder = Folder::new();
     let words = ["--method", "surfel_trace", "--set", "gi.vpls=16"];

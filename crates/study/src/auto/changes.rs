@@ -26,6 +26,16 @@ const LEVERS: [(&str, &[&str]); 8] = [
     ("gi.interleave", &["1", "2", "8"]),
 ];
 
+/// What the still picture's settings change besides.
+const OF_STILL: [&str; 3] = ["gi.sky_lights", "reflection.least_weight", "reflection.own_methods"];
+
+/// Whether `auto` may change a parameter that nothing fixes.
+pub fn may_change(key: &str) -> bool {
+    let of_methods = METHODS.iter().flat_map(|row| row.variants).map(|(key, _)| *key);
+    let levers = LEVERS.iter().map(|(key, _)| *key);
+    of_methods.chain(levers).chain(OF_STILL).chain([METHOD]).any(|known| known == key)
+}
+
 /// Times of equal work differ by some hundredths.
 const NOISE: f64 = 1.05;
 

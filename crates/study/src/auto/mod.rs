@@ -25,11 +25,11 @@ use rayon::prelude::*;
 use render::{FrameStats, PassTime, Renderer};
 use scene::{Camera, Method, Settings};
 
-pub use self::changes::KnownErrors;
 use self::changes::{
-    Change, Combination, Kind, Squares, changes_of, combinations, correct, differing, predicted_error, squares_of,
-    without_dominated,
+    Change, Combination, Kind, METHOD, Squares, changes_of, combinations, correct, differing, predicted_error,
+    squares_of, without_dominated,
 };
+pub use self::changes::{KnownErrors, may_change};
 use self::search::{Drawn, Search, Trial, is_no_choice, slow};
 use crate::cost::{CostModel, Costs, Workload};
 use crate::still::{Shown, Still, StillError, Target, drawn_size, judging_settings};
@@ -144,6 +144,9 @@ pub struct Explored {
     passes: Vec<PassTime>,
     kind: Kind,
     still_settings: Settings,
+    /// Whether the still picture's settings may be chosen: they have another method than the view's own where that is not
+    /// fixed, and no mirror has one of its own.
+    still_is_choice: bool,
     /// The changes that may be made.
     changes: Vec<Change>,
     /// The squares of the errors of the base, and the changes with their errors and times, as views before had them;
@@ -213,17 +216,23 @@ impl Explored {
         local.fade(OTHER_SCENES);
         let mut search = Search { camera, hands, local, frames: 0 };
         let stats = search.timed(&base, size, (0.0, f64::INFINITY))?;
-        let drawn_size = drawn_size(size, &base);
-        let work = Workload::of(&stats, &base, drawn_size);
-        let shown = Shown::read(search.hands.renderer, camera, &base, drawn_size)?;
+        let of_base = drawn_size(size, &base);
+        let work = Workload::of(&stats, &base, of_base);
+        let shown = Shown::read(search.hands.renderer, camera, &base, of_base)?;
         let changes = changes_of(&base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
         let still_settings = still_of(&base, fixed);
         let kind = Kind::new(work.mirrors > 0.0, fixed);
+        let is_fixed = fixed.iter().any(|key| key == METHOD);
+        let has_method = |method| stats.methods.iter().all(|own| *own == method);
         let exact = still_settings.reflection.method;
         let expected = expected(&search, (&base, &work, &kind), &changes, (exact, small(size)));
         let Search { local, frames, .. } = search;
         Ok(Self {
             settings: settings.clone(),
+            // A resolution that is fixed makes the still picture of full resolution none that may be chosen.
+            still_is_choice: drawn_size(size, &still_settings) == size
+                && has_method(base.reflection.method)
+                && (!is_fixed || has_method(exact)),
             still_settings,
             base,
             camera: *camera,
@@ -293,9 +302,7 @@ impl Explored {
         };
         search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&error), &changes);
         let mut drawn = vec![Drawn { settings: self.base.clone(), milliseconds: self.milliseconds, error }];
-        // A resolution that is fixed makes the still picture of full resolution none that may be chosen.
-        let is_choice = drawn_size(size, &self.still_settings) == size;
-        if let Some(milliseconds) = milliseconds.filter(|_| is_choice) {
+        if let Some(milliseconds) = milliseconds.filter(|_| self.still_is_choice) {
             drawn.push(Drawn { settings: self.still_settings.clone(), milliseconds, error: still.none() });
         }
         (self.local, self.frames) = (search.local, search.frames);
@@ -408,7 +415,7 @@ impl Explored {
         let settings = &self.still_settings;
         let milliseconds = search.local.costs().predict(&self.work.with(&self.base, settings), settings);
         let is_slow = matches!((target, milliseconds), (Target::Milliseconds(most), Some(own)) if own > most);
-        if !is_slow && tried.iter().all(|tried| tried.settings != *settings) {
+        if self.still_is_choice && !is_slow && tried.iter().all(|tried| tried.settings != *settings) {
             let times = (f64::INFINITY, f64::INFINITY);
             let drawn = search.drawn(settings, &judged.still, self.size, times)?;
             tried.push(Tried::of(target, &drawn));
@@ -471,7 +478,7 @@ fn small(size: [u32; 2]) -> [u32; 2] {
 /// The settings of the still picture. What is fixed stays, but for the method: the error is that of the fixed one.
 fn still_of(base: &Settings, fixed: &[String]) -> Settings {
     let mut still = judging_settings(base);
-    let is_kept = |key: &String| fixed.contains(key) && key != "reflection.method";
+    let is_kept = |key: &String| fixed.contains(key) && key != METHOD;
     for (before, after) in base.groups().into_iter().zip(still.groups_mut()) {
         let group = before.group();
         let keys = group.fields.iter().map(|field| format!("{}.{}", group.name, field.name));
