@@ -296,6 +296,52 @@ fn a_plan_moves_the_camera_sums_passes_shows_each_picture_and_judges_by_all_poin
 }
 
 #[test]
+fn each_setting_is_judged_by_what_it_shows_in_the_size_in_which_it_is_drawn() {
+    let folder = with_plan(
+        "title = \"a\"\nsize = \"64x48\"\nrepeats = 1\nstill = true\nflicker = true\n[set]\n\"gi.bounces\" = 0\n\
+         \"scene.points\" = 5000\n[[group]]\nname = \"all\"\nscenes = [\"five-mirrors/sphere\"]\n\
+         methods = [\"none\", \"ray_trace\", \"surfel_trace\"]\npictures = \"each\"\n\
+         [[group]]\nname = \"half\"\nscenes = [\"five-mirrors/sphere\"]\nmethods = [\"surfel_trace\"]\n\
+         set = { \"view.resolution\" = 0.5 }\n\
+         [[group]]\nname = \"small\"\nscenes = [\"five-mirrors/sphere\"]\nmethods = [\"surfel_trace\"]\n\
+         sweep = { size = [\"32x24\"] }",
+    );
+    let Some(outcome) = study(&folder, &["plan.toml", "-o", "out"]) else { return };
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    let rows = rows(&folder, "out");
+    let number = |row: usize, name: &str| rows[row][name].as_f64().unwrap_or_else(|| panic!("{name} of {}", rows[row]));
+    // What the ray tracer sees in the mirror counts, and not what the frame without reflections shows.
+    let errors = [0, 1, 2].map(|row| number(row, "still_mirrors_delta_e"));
+    assert!(errors[0] > 10.0 && errors[1] < 3.0 && errors[2] < 3.0, "{errors:?}");
+    assert!(number(0, "still_pixel_error_p95") > 1e3 && number(1, "still_pixel_error_p95") < 2.0, "{rows:#?}");
+    assert!(number(0, "mirror_pixels") > 100.0 && number(0, "mirror_pixels") == number(2, "mirror_pixels"));
+    let [grey, traced] = [0, 1].map(|at| std::fs::read(folder.path(&format!("out/pictures/all-{at}.png"))));
+    assert!(grey.expect("a picture") != traced.expect("a picture"), "the traced picture shows no reflections");
+    // Half of the resolution is the picture of half the size.
+    assert_eq!(number(3, "flicker_moving"), number(4, "flicker_moving"), "{rows:#?}");
+}
+
+#[test]
+fn a_still_picture_with_parameters_of_its_own_is_of_the_size_of_each_setting() {
+    let plan = |own: &str| {
+        format!(
+            "title = \"a\"\nsize = \"64x48\"\nrepeats = 1\ntruths = []\nerrors = []\nfigures = []\nstill = true\n{own}\n\
+             [set]\n\"gi.bounces\" = 0\n\"scene.points\" = 5000\n[[group]]\nscenes = [\"five-mirrors/sphere\"]\n\
+             methods = [\"surfel_trace\"]\nsweep = {{ size = [\"64x48\", \"32x24\"] }}"
+        )
+    };
+    let folder = with_plan(&plan(""));
+    folder.write("own.toml", plan("still_set = { \"scene.points\" = 5000 }"));
+    let errors = |name: &str| {
+        let outcome = study(&folder, &[&format!("{name}.toml"), "-o", name])?;
+        assert_eq!(outcome.status, Some(0), "{outcome}");
+        Some(rows(&folder, name).iter().map(|row| row["still_delta_e"].to_string()).collect::<Vec<_>>())
+    };
+    let (Some(plain), Some(own)) = (errors("plan"), errors("own")) else { return };
+    assert_eq!(own, plain, "the same points");
+}
+
+#[test]
 fn a_study_does_not_go_on_with_a_scene_that_has_changed() {
     let plan = "title = \"a\"\nsize = \"64x48\"\nrepeats = 1\n[set]\n\"gi.bounces\" = 0\n\"scene.points\" = 5000\n\
                 [[group]]\nscenes = [\"ball.toml\"]\nmethods = [\"none\"]";

@@ -47,10 +47,16 @@ impl Loaded {
         Ok(())
     }
 
+    /// Whether the still picture of a view with these settings is at hand.
+    pub fn has_still(&self, case: &Case, settings: &Settings) -> bool {
+        let of = judging_settings(settings);
+        self.still.as_ref().is_some_and(|(other, size, _)| *other == of && *size == case.size)
+    }
+
     /// Draws the still picture of a view with these settings, unless it is at hand.
     pub fn still(&mut self, case: &Case, settings: &Settings, renderer: &mut Renderer) -> render::Result<()> {
-        let of = judging_settings(settings);
-        if self.still.as_ref().is_none_or(|(other, size, _)| *other != of || *size != case.size) {
+        if !self.has_still(case, settings) {
+            let of = judging_settings(settings);
             self.subject.render(renderer, &of, case.size)?;
             let still = Still::read(renderer, &self.subject.camera, &of, case.size)?;
             self.still = Some((of, case.size, still));

@@ -25,7 +25,7 @@ use crate::plan::{Case, Group, Pictures, Plan, PlanError, RAY_TRACE};
 use crate::report;
 use crate::results::{self, Figure, Machine, MapFigures, Measured, Row, Run, TimedPass};
 use crate::sightlines::Ruler;
-use crate::still::{Target, drawn_size};
+use crate::still::{Shown, Target, drawn_size};
 use crate::subject::Subject;
 use crate::truth::{Drawn, Tracer, View};
 
@@ -444,15 +444,19 @@ impl<'a> Runner<'a> {
         let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         let size = drawn_size(case.size, &settings);
         let frames = draw(loaded, renderer, case, &settings, &plan.groups[case.group])?;
+        let traced = traced(loaded, plan, case, &settings, renderer)?;
         if let Some((_, _, still)) = loaded.still.as_ref().filter(|_| plan.still) {
-            measured.still = Some(still.error(renderer, &loaded.subject.camera, &settings, size)?);
+            let mut shown = Shown::read(renderer, &loaded.subject.camera, &settings, size)?;
+            if let (Some(drawn), Some((_, scene))) = (&traced, &loaded.traced) {
+                shown = shown.finding(&drawn.found, scene.origin - loaded.subject.camera.eye);
+            }
+            measured.still = Some(still.error_of(&shown));
         }
         let flickers_count = plan.flicker || plan.groups[case.group].flicker;
         let is_drawn_alone = plan.truths.is_empty() && case.method != RAY_TRACE && !flickers_count;
         // Where the still picture or sightlines judge alone, estimates would take long for nothing.
         if (plan.still || plan.sightlines) && is_drawn_alone {
-            let reflected = frames.last().and_then(|stats| stats.reflection);
-            measured.mirror_pixels = reflected.map_or(0.0, |found| f64::from(found.mirror_pixels));
+            measured.mirror_pixels = mirror_pixels(&renderer.read_aov(Aov::Mirror)?.data);
             return Ok(judged_run(case, &settings, loaded.points, &frames, measured));
         }
         // The ray tracer's reflections are not the renderer's.
@@ -465,12 +469,14 @@ impl<'a> Runner<'a> {
         };
         // So would the ray tracer's own scene where no truth judges.
         if is_drawn_alone {
-            let mirror = renderer.read_aov(Aov::Mirror)?.data;
-            measured.mirror_pixels = mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64;
+            measured.mirror_pixels = mirror_pixels(&renderer.read_aov(Aov::Mirror)?.data);
             return Ok(judged_run(case, &settings, loaded.points, &frames, measured));
         }
         loaded.traced(plan, settings.splat.size)?;
-        let drawn = drawn(loaded, case, &settings, renderer)?.0;
+        let drawn = match traced {
+            Some(traced) => traced,
+            None => drawn(loaded, case, &settings, renderer)?.0,
+        };
         let mut judged = Vec::new();
         for &truth in &plan.truths {
             if truth == Truth::Exact && loaded.subject.exact.is_none() {
@@ -490,7 +496,7 @@ impl<'a> Runner<'a> {
             judged.push(accuracy);
         }
         let traced = (case.method == RAY_TRACE).then(|| judged.first()).flatten();
-        measured.mirror_pixels = drawn.surface.mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64;
+        measured.mirror_pixels = mirror_pixels(&drawn.surface.mirror);
         measured.coverage = traced.map(|judged| judged.coverage);
         measured.closed_coverage = traced.map(|judged| judged.closed_coverage);
         measured.judged = judged;
@@ -509,11 +515,12 @@ impl<'a> Runner<'a> {
         if plan.still_set.is_empty() {
             return Ok(own.still(case, &base, renderer)?);
         }
-        if own.still.is_some() {
+        let of_still = plan.of_still(case);
+        let settings = of_still.settings(&self.scenes.settings(&of_still.scene, of_still.preset)?)?;
+        if own.has_still(&of_still, &settings) {
             return Ok(());
         }
-        let of_still = plan.of_still(case);
-        let settings = self.prepare(&of_still)?;
+        self.prepare(&of_still)?;
         let Self { renderer, loaded, .. } = self;
         let (_, other) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
         other.still(&of_still, &settings, renderer)?;
@@ -564,6 +571,7 @@ impl<'a> Runner<'a> {
             draw(loaded, renderer, case, &settings, group)?;
             let png = match group.pictures {
                 Pictures::Each => {
+                    traced(loaded, plan, case, &settings, renderer)?;
                     let mirror = renderer.read_aov(Aov::Mirror)?.data;
                     picture::cut(size, &mirror, &renderer.read_picture()?)?
                 }
@@ -614,6 +622,28 @@ fn draw(
     Ok(frames.split_off(skipped))
 }
 
+/// The frame that was drawn last with what the ray tracer sees in its mirrors, if that is the method. It is then in the
+/// renderer's picture, too.
+fn traced(
+    loaded: &mut Loaded,
+    plan: &Plan,
+    case: &Case,
+    settings: &Settings,
+    renderer: &mut Renderer,
+) -> anyhow::Result<Option<Drawn>> {
+    if case.method != RAY_TRACE {
+        return Ok(None);
+    }
+    loaded.traced(plan, settings.splat.size)?;
+    let (drawn, _) = drawn(loaded, case, settings, renderer)?;
+    renderer.present(settings, &drawn.color, true)?;
+    Ok(Some(drawn))
+}
+
+fn mirror_pixels(mirror: &[f32]) -> f64 {
+    mirror.iter().filter(|mirror| **mirror > 0.0).count() as f64
+}
+
 /// A hash of all that a scene's loading depends on: how it is read, coloured and, without a camera or light of its own,
 /// seen and lit, and from how far.
 fn loading_key(case: &Case, settings: &Settings) -> String {
@@ -634,7 +664,7 @@ fn flickers(
     first: &Drawn,
 ) -> anyhow::Result<[Option<f64>; 2]> {
     let (_, scene) = loaded.traced.as_ref().ok_or_else(|| anyhow!("the scene was not traced"))?;
-    let (subject, origin) = (&loaded.subject, scene.origin);
+    let (subject, origin, size) = (&loaded.subject, scene.origin, drawn_size(case.size, settings));
     let mask: Vec<bool> = first.surface.mirror.iter().map(|mirror| *mirror > 0.0).collect();
     let mut measure = |steps| -> anyhow::Result<Option<f64>> {
         let (view, mut settings) = (&settings.view, settings.clone());
@@ -646,8 +676,8 @@ fn flickers(
             let camera = Camera { eye: camera.eye + origin, pivot: camera.pivot + origin, ..*camera };
             // The ray tracer's random numbers continue as they would from frame to frame.
             settings.trace.seed = settings.trace.seed.wrapping_add(1);
-            renderer.render(&subject.store, &Frame::new(&camera, &settings, subject.objects(), case.size))?;
-            let view = View { camera: &camera, settings: &settings, objects: subject.objects(), size: case.size };
+            renderer.render(&subject.store, &Frame::new(&camera, &settings, subject.objects(), size))?;
+            let view = View { camera: &camera, settings: &settings, objects: subject.objects(), size };
             let tracer = Tracer::new(scene, view);
             let mut drawn = tracer.drawn(renderer)?;
             if case.method == RAY_TRACE {
@@ -657,7 +687,7 @@ fn flickers(
         };
         let camera = subject.camera;
         let near = Camera { eye: camera.eye - origin, pivot: camera.pivot - origin, ..camera };
-        let Followed { frames, .. } = follow(&near, view, case.size, steps, draw)?;
+        let Followed { frames, .. } = follow(&near, view, size, steps, draw)?;
         let mean = flicker(&mask, &frames).mean;
         Ok(mean.is_finite().then_some(mean))
     };

@@ -120,6 +120,16 @@ impl Shown {
         Ok(Self { size, picture: renderer.read_picture()?, depth, found: found.transpose()?.map(|image| image.data) })
     }
 
+    /// The frame with other positions seen in mirrors, four values a pixel, the first three relative to a place that is
+    /// `offset` from the eye.
+    pub fn finding(self, found: &[f32], offset: DVec3) -> Self {
+        let from_eye = |[x, y, z, coverage]: &[f32; 4]| {
+            let [x, y, z] = (Vec3::new(*x, *y, *z).as_dvec3() + offset).as_vec3().to_array();
+            [x, y, z, *coverage]
+        };
+        Self { found: Some(found.as_chunks::<4>().0.iter().flat_map(from_eye).collect()), ..self }
+    }
+
     /// The index of the pixel that shows what pixel `index` of a picture of `size` shows.
     fn place(&self, index: usize, size: [u32; 2]) -> usize {
         let (column, row) = (index % size[0] as usize, index / size[0] as usize);
