@@ -11,6 +11,7 @@ use super::sweep::{filled_length, parts, scalar_text, sweep_length, swept_values
 use super::{
     Bound, Case, DISTANCE, Group, MOST_TOLD, ORBIT, Plan, PlanError, PlannedTarget, RAY_TRACE, SIZE, Size, TARGET,
 };
+use crate::auto;
 use crate::file_name::file_name;
 use crate::results;
 
@@ -171,6 +172,13 @@ impl Group {
             let text = format!("{} keys are swept, expected at most {MOST_SWEPT}", self.sweep.len());
             return Err(at(&["sweep"], text));
         }
+        if self.sweep.contains_key(TARGET) {
+            let mut own = self.set.keys().map(|key| ("set", key)).chain(self.sweep.keys().map(|key| ("sweep", key)));
+            if let Some((place, key)) = own.find(|(_, key)| auto::may_change(key)) {
+                let text = format!("{key}: `auto` chooses it for the `target`, expected it in a group without one");
+                return Err(at(&[place, key], text));
+            }
+        }
         let mut longest = Vec::new();
         for (key, sweep) in &self.sweep {
             let values = sweep_length(sweep).map_err(|text| at(&["sweep", key], format!("{key}: {text}")))?;
@@ -309,6 +317,9 @@ fn check_set(set: &BTreeMap<String, toml::Value>, path: &[&str]) -> Result<(), P
 
 fn check_parameter(key: &str, value: &str) -> Result<(), String> {
     match key {
+        "reflection.own_methods" if value == "true" => {
+            Err("reflection.own_methods: a study measures each method in all mirrors, expected false".into())
+        }
         "reflection.method" => Err("reflection.method: name methods in the group's `methods`".into()),
         _ => Settings::default().set_text(key, value).map_err(|error| error.to_string()),
     }
