@@ -144,7 +144,7 @@ fn targets(page: &mut String, rows: &[Row]) {
         let target = judged.row.case.swept_value(TARGET).unwrap_or_default();
         let named = format!("{target} ({}{unit})", number(judged.target));
         let answer = |is_so: bool| if is_so { "yes" } else { "<span class=\"fails\">no</span>" };
-        let best = judged.best.map_or("nothing keeps to it".to_owned(), number);
+        let best = judged.best.map_or("no other keeps to it".to_owned(), number);
         let ratio = judged.ratio().map_or(String::new(), number);
         let _ = writeln!(
             page,
@@ -155,7 +155,7 @@ fn targets(page: &mut String, rows: &[Row]) {
             number(judged.milliseconds),
             number(judged.error),
             answer(judged.is_kept),
-            answer(judged.is_good()),
+            if judged.best.is_some() { answer(judged.is_good()) } else { "" },
             escaped(&judged.row.set)
         );
     }

@@ -95,7 +95,7 @@ fn judge<'a>(row: &'a Row, rows: &'a [Row], colors: &str) -> Option<Judged<'a>> 
 }
 
 /// The settings of a row, as far as they differ from the defaults.
-fn settings_of(row: &Row) -> Settings {
+pub fn settings_of(row: &Row) -> Settings {
     let mut settings = Settings::default();
     let set = row.set.split(' ').filter_map(|pair| pair.split_once('='));
     let swept = row.case.swept.iter().map(|(key, value)| (key.as_str(), value.as_str()));
@@ -160,7 +160,7 @@ pub fn summary(judged: &[Judged<'_>]) -> String {
     format!(
         "Times: {kept_times} of {times} are kept to within 15 %, {good_times} of them with an error of at most {ERROR_FACTOR} times \
          the best setting's. Errors: {kept_errors} of {errors} are kept to, {good_errors} of them in at most {TIME_FACTOR} times the \
-         best setting's time. No setting keeps to the other {unreachable} targets."
+         best setting's time. No other setting keeps to the remaining {unreachable} targets, which judge nothing."
     )
 }
 

@@ -283,11 +283,24 @@ fn draw_column(column: &Column, panel: &Panel, plot: Rect, shapes: &mut Vec<Shap
 fn marker_shapes(style: Style, (x, y): Place, is_hollow: bool, shapes: &mut Vec<Shape>) {
     let radius = MARKER_RADIUS;
     let corners: &[(f64, f64)] = match style.marker {
-        Marker::Disc | Marker::Ring => {
-            let is_filled = style.marker == Marker::Disc && !is_hollow;
-            shapes.push(Shape::Disc { center: (x, y), radius, color: style.color, is_filled });
+        Marker::Disc => {
+            shapes.push(Shape::Disc { center: (x, y), radius, color: style.color, is_filled: !is_hollow });
             return;
         }
+        Marker::Cross => &[
+            (-0.4, -1.1),
+            (0.4, -1.1),
+            (0.4, -0.4),
+            (1.1, -0.4),
+            (1.1, 0.4),
+            (0.4, 0.4),
+            (0.4, 1.1),
+            (-0.4, 1.1),
+            (-0.4, 0.4),
+            (-1.1, 0.4),
+            (-1.1, -0.4),
+            (-0.4, -0.4),
+        ],
         Marker::Square => &[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)],
         Marker::Triangle => &[(0.0, -1.2), (1.1, 0.8), (-1.1, 0.8)],
         Marker::Diamond => &[(0.0, -1.3), (1.1, 0.0), (0.0, 1.3), (-1.1, 0.0)],

@@ -14,6 +14,7 @@ use scene::{METHODS, RAY_TRACE};
 use crate::file_name::file_name;
 use crate::plan::{Case, DISTANCE, Group, ORBIT, Plan, SIZE, TARGET};
 use crate::results::{self, Figure, METHOD_MS, Row, Spread};
+use crate::targets::settings_of;
 use axis::Axis;
 
 pub use axis::number;
@@ -133,7 +134,7 @@ enum Marker {
     Triangle,
     Diamond,
     Valley,
-    Ring,
+    Cross,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,7 +150,7 @@ const METHOD_STYLES: [Style; 11] = [
     Style { color: [120, 120, 120], marker: Marker::Diamond },
     Style { color: [120, 120, 120], marker: Marker::Disc },
     Style { color: [230, 159, 0], marker: Marker::Valley },
-    Style { color: [204, 121, 167], marker: Marker::Ring },
+    Style { color: [204, 121, 167], marker: Marker::Cross },
     Style { color: [213, 94, 0], marker: Marker::Disc },
     Style { color: [0, 114, 178], marker: Marker::Square },
     Style { color: [0, 158, 115], marker: Marker::Triangle },
@@ -158,6 +159,9 @@ const METHOD_STYLES: [Style; 11] = [
     Style { color: [140, 86, 75], marker: Marker::Valley },
     Style { color: [110, 60, 160], marker: Marker::Square },
 ];
+/// The marks that tell combinations of values of one method apart.
+const MARKERS: [Marker; 6] =
+    [Marker::Disc, Marker::Square, Marker::Triangle, Marker::Diamond, Marker::Valley, Marker::Cross];
 /// The style of the ray tracer.
 const TRUTH_STYLE: Style = Style { color: [0, 0, 0], marker: Marker::Diamond };
 
@@ -168,7 +172,7 @@ const OTHER_STYLES: [Style; 8] = [
     Style { color: [0, 158, 115], marker: Marker::Triangle },
     Style { color: [204, 121, 167], marker: Marker::Diamond },
     Style { color: [86, 180, 233], marker: Marker::Valley },
-    Style { color: [230, 159, 0], marker: Marker::Ring },
+    Style { color: [230, 159, 0], marker: Marker::Cross },
     Style { color: [0, 0, 0], marker: Marker::Disc },
     Style { color: [190, 175, 30], marker: Marker::Square },
 ];
@@ -280,6 +284,25 @@ fn short_scene(pattern: &str) -> String {
     short
 }
 
+/// The names of scenes by `short`, with as many folders before those that would be the same as tell them apart.
+fn names_apart(scenes: &[&str], short: impl Fn(&str) -> String) -> Vec<String> {
+    let path = |scene: &str| scene.strip_suffix(".toml").unwrap_or(scene).to_owned();
+    let name = |scene: &&str| {
+        let name = short(scene);
+        if scenes.iter().filter(|other| short(other) == name).count() == 1 {
+            return name;
+        }
+        let own = path(scene);
+        let is_apart = |end: &&str| {
+            let ends = |other: &&&str| path(other) == *end || path(other).ends_with(&format!("/{end}"));
+            scenes.iter().filter(ends).count() == 1
+        };
+        let ends = own.rmatch_indices('/').skip(1).map(|(at, _)| &own[at + 1..]);
+        ends.chain([own.as_str()]).find(is_apart).unwrap_or(scene).to_owned()
+    };
+    scenes.iter().map(name).collect()
+}
+
 /// The distinct texts, in the order in which they first occur.
 fn distinct<Item: PartialEq>(items: impl Iterator<Item = Item>) -> Vec<Item> {
     let mut found = Vec::new();
@@ -312,8 +335,9 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
     let (time, more_is_better) = (plan.time.name(), error.more_is_better());
     let mut panels = Vec::new();
     // Different scenes cannot be compared, even those of one variable.
-    for scene in distinct(rows.iter().map(|row| row.case.scene.as_str())) {
-        let of_scene = || rows.iter().filter(|row| row.case.scene == scene);
+    let scenes = distinct(rows.iter().map(|row| row.case.scene.as_str()));
+    for (scene, title) in scenes.iter().zip(names_apart(&scenes, short_scene)) {
+        let of_scene = || rows.iter().filter(|row| row.case.scene == *scene);
         let (mut curves, mut levels): (Vec<Curve>, Vec<Level>) = (Vec::new(), Vec::new());
         for row in of_scene() {
             let Some(y) = row.value(&error.name) else { continue };
@@ -333,7 +357,9 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
             let group = &plan.groups[row.case.group];
             let name = if swept.is_empty() { method.clone() } else { format!("{method}: {}", swept.join(", ")) };
             let whisker = Some(Whisker::Across { low, high });
-            let mark = Mark { x, y, whisker, label: label(plan, &row.case), is_sparse: is_sparse(row) };
+            // Errors of light are those of all surfaces.
+            let is_sparse = !error.is_of_light() && is_sparse(row);
+            let mark = Mark { x, y, whisker, label: label(plan, &row.case), is_sparse };
             // A sweep of one key is a curve of its own; single settings of a method are joined to one.
             let is_joined = group.sweep.keys().filter(|key| is_of_setting(key)).count() == 1;
             let is_first = swept.first().is_some_and(|key| {
@@ -349,17 +375,18 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
         if curves.is_empty() {
             continue;
         }
-        let points: Vec<(f64, f64)> =
-            curves.iter().flat_map(|curve| &curve.marks).map(|mark| (mark.x, mark.y)).collect();
-        let marks = curves.iter().flat_map(|curve| &curve.marks);
-        let times: Vec<f64> = marks.flat_map(Mark::across).collect();
-        let errors: Vec<f64> =
-            points.iter().map(|(_, error)| *error).chain(levels.iter().map(|level| level.y)).collect();
-        // Pictures of different sizes or numbers of points cannot be compared.
-        let tasks = distinct(of_scene().map(|row| (row.case.size, row.points)));
-        let front = if tasks.len() > 1 { Vec::new() } else { front(&points, more_is_better) };
+        let marks = || curves.iter().flat_map(|curve| &curve.marks);
+        let times: Vec<f64> = marks().flat_map(Mark::across).collect();
+        let errors: Vec<f64> = marks().map(|mark| mark.y).chain(levels.iter().map(|level| level.y)).collect();
+        // Pictures of different sizes or numbers of points cannot be compared. Errors but those against the still picture
+        // are in the drawn pixels.
+        let resolution = |row: &Row| (!error.is_of_still()).then(|| settings_of(row).view.resolution);
+        let tasks = distinct(of_scene().map(|row| (row.case.size, row.points, resolution(row))));
+        // The error of a part of the mirrors says nothing of the rest.
+        let whole: Vec<(f64, f64)> = marks().filter(|mark| !mark.is_sparse).map(|mark| (mark.x, mark.y)).collect();
+        let front = if tasks.len() > 1 { Vec::new() } else { front(&whole, more_is_better) };
         panels.push(Panel {
-            title: short_scene(scene),
+            title,
             x: Axis::log(&times),
             y: Axis::of_errors(&errors),
             x_title: results::figure(time).map_or(String::new(), Figure::title),
@@ -439,8 +466,16 @@ fn sweep_chart(
     let is_by_scene = methods.len() == 1 && combinations.len() == 1 && scenes.len() > 1 && scenes.len() <= 8;
     let shown: Vec<Vec<&str>> =
         if is_by_scene { vec![scenes.clone()] } else { scenes.iter().map(|scene| vec![*scene]).collect() };
+    let names = names_apart(&scenes, short_scene);
+    let name_of = |scene: &str| scenes.iter().position(|other| *other == scene).map_or("", |index| &names[index]);
     let mut panels = Vec::new();
     for scenes in &shown {
+        let is_level = |row: &&&Row| {
+            let is_shown =
+                scenes.contains(&row.case.scene_pattern.as_str()) && !methods.contains(&row.case.method.as_str());
+            row.case.swept.is_empty() && is_shown && !is_by_scene
+        };
+        let has_methods = methods.len() > 1 || rows.iter().any(|row| is_level(&row));
         let mut curves: Vec<Curve> = Vec::new();
         for row in of_group.iter().filter(|row| scenes.contains(&row.case.scene_pattern.as_str())) {
             let place = row.case.swept_value(key).and_then(|value| x.value_of(value));
@@ -448,10 +483,13 @@ fn sweep_chart(
             let combination = others(&row.case);
             let (name, style) = if is_by_scene {
                 let index = scenes.iter().position(|scene| *scene == row.case.scene_pattern).unwrap_or(0);
-                (short_scene(&row.case.scene_pattern), OTHER_STYLES[index % OTHER_STYLES.len()])
+                (name_of(&row.case.scene_pattern).to_owned(), OTHER_STYLES[index % OTHER_STYLES.len()])
             } else if combinations.len() > 1 {
                 let index = combinations.iter().position(|other| *other == combination).unwrap_or(0);
-                let style = OTHER_STYLES[index % OTHER_STYLES.len()];
+                let style = match has_methods {
+                    true => Style { marker: MARKERS[index % MARKERS.len()], ..Style::of_method(&row.case.method) },
+                    false => OTHER_STYLES[index % OTHER_STYLES.len()],
+                };
                 (format!("{} {}", row.case.method, combination.join(" ")), style)
             } else {
                 (row.case.method.clone(), Style::of_method(&row.case.method))
@@ -462,11 +500,6 @@ fn sweep_chart(
                 None => curves.push(Curve { name, style, is_joined: true, marks: vec![mark] }),
             }
         }
-        let is_level = |row: &&&Row| {
-            let is_shown =
-                scenes.contains(&row.case.scene_pattern.as_str()) && !methods.contains(&row.case.method.as_str());
-            row.case.swept.is_empty() && is_shown && !is_by_scene
-        };
         let level = |row: &&Row| {
             let style = Style::of_method(&row.case.method);
             Some(Level { name: row.case.method.clone(), style, y: value_of(row, figure)?.0 })
@@ -487,7 +520,7 @@ fn sweep_chart(
             title: if is_by_scene {
                 methods.join(", ")
             } else {
-                short_scene(scenes.first().copied().unwrap_or_default())
+                name_of(scenes.first().copied().unwrap_or_default()).to_owned()
             },
             y: Axis::of(&shown.collect::<Vec<_>>()),
             x: x.clone(),
@@ -512,12 +545,15 @@ fn sweep_chart(
 
 /// The times of a group's settings, a column for each setting.
 fn stacked_chart(plan: &Plan, group: &Group, number: usize, times: &[String], of_group: &[&Row]) -> Option<Chart> {
-    let has_scenes = of_group.iter().any(|row| row.case.scene != of_group[0].case.scene);
+    let scenes = distinct(of_group.iter().map(|row| row.case.scene.as_str()));
+    let scene_names = names_apart(&scenes, |scene| last_part(scene).to_owned());
+    let name_of = |scene: &str| scenes.iter().position(|other| *other == scene).map_or("", |index| &scene_names[index]);
+    let has_scenes = scenes.len() > 1;
     let named = |row: &&&Row| {
         let Case { scene, method, swept, .. } = &row.case;
         // A variable is part of the scene.
         let swept = swept.iter().filter(|(key, _)| is_of_setting(key)).map(|(_, value)| value.as_str());
-        let own = [has_scenes.then_some(last_part(scene)), (group.methods.len() > 1).then_some(method.as_str())];
+        let own = [has_scenes.then(|| name_of(scene)), (group.methods.len() > 1).then_some(method.as_str())];
         own.into_iter().flatten().chain(swept).collect::<Vec<_>>().join(" ")
     };
     let names: Vec<String> = of_group.iter().map(|row| named(&row)).collect();

@@ -235,6 +235,44 @@ fn names_of_scenes_are_short() {
     assert_eq!(short_scene("stability/tube:{width}"), "stability/tube");
     assert_eq!(short_scene("five-mirrors/{mirror}"), "five-mirrors");
     assert_eq!(short_scene("/data/scenes/office.toml"), "office");
+    let apart = |scenes: &[&str]| names_apart(scenes, short_scene);
+    assert_eq!(apart(&["/a/one/room.toml", "/a/hall.toml", "/a/two/room.toml"]), ["one/room", "hall", "two/room"]);
+    assert_eq!(apart(&["/a/x/room.toml", "/b/x/room.toml", "x/room.toml"])[..2], ["a/x/room", "b/x/room"]);
+    assert_eq!(apart(&["room.toml", "b/room.toml"]), ["room.toml", "b/room"]);
+}
+
+#[test]
+fn curves_of_several_methods_and_values_are_told_apart_by_colour_and_mark() {
+    let plan = plan(
+        "[[group]]\nscenes = [\"one\"]\nmethods = [\"sscr\", \"sscr_hierarchical\"]\n\
+         sweep = { \"sscr.seed_attempts\" = [0, 4], \"splat.step\" = [1, 2] }\n",
+    );
+    let rows = rows(&plan, |case, figure| Some(value(case, figure).unwrap_or(1.0)));
+    let charts = charts(&plan, &rows);
+    let chart = charts.iter().find(|chart| chart.name == "splat-step-coverage").unwrap();
+    let styles: Vec<Style> = chart.panels[0].curves.iter().map(|curve| curve.style).collect();
+    assert_eq!(styles.len(), 4);
+    assert!((0..4).all(|one| (0..one).all(|other| styles[one] != styles[other])), "{styles:?}");
+    for (curve, style) in chart.panels[0].curves.iter().zip(&styles) {
+        let method = curve.name.split(' ').next().unwrap();
+        assert_eq!(style.color, Style::of_method(method).color, "{}", curve.name);
+    }
+}
+
+#[test]
+fn the_front_is_of_settings_that_fill_the_mirrors_in_pixels_of_one_size() {
+    let group =
+        |sweep: &str| plan(&format!("[[group]]\nscenes = [\"one\"]\nmethods = [\"sscr\"]\nsweep = {{ {sweep} }}\n"));
+    let front = |plan: &Plan, coverage: f64| {
+        let of = |case: &Case, figure: &str| match figure {
+            "coverage" => Some(if case.index == 0 { coverage } else { 1.0 }),
+            _ => value(case, figure),
+        };
+        charts(plan, &rows(plan, of))[0].panels[0].front.len()
+    };
+    let attempts = group("\"sscr.seed_attempts\" = [0, 4]");
+    assert_eq!((front(&attempts, 1.0), front(&attempts, 0.5)), (2, 1));
+    assert_eq!(front(&group("\"view.resolution\" = [0.5, 1]"), 1.0), 0);
 }
 
 proptest! {
