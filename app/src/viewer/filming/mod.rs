@@ -267,3 +267,5 @@ impl Filming {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod track_tests;
