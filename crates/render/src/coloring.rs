@@ -77,8 +77,8 @@ impl ColorPlan {
         Self::of_shown(cloud, cloud, color, up)
     }
 
-    /// The same where only a part of a cloud is shown. The whole decides whether it has what the setting asks for, so
-    /// that a chosen source stays whatever is hidden; `auto` and the ends of the ramp go by what is shown.
+    /// The same where only a part of a cloud is shown. The whole decides about the source of the colour, so that it stays
+    /// whatever is hidden; the ends of the ramp go by what is shown.
     pub fn of_shown(cloud: &Cloud, shown: &Cloud, color: &Color, up: DVec3) -> (Self, Option<String>) {
         let has_colors = cloud.chunks.iter().any(|chunk| chunk.colors.is_some());
         let mut warning = None;
@@ -131,10 +131,10 @@ impl ColorPlan {
             constant.is_none() && !is_empty
         });
         let intensity = cloud.column_of("intensity");
-        let source = match wanted.unwrap_or_else(|| automatic(shown, has_colors, intensity, up)) {
-            ColorSource::Rgb if color.blank == Blank::Auto && has_blanks(shown) => {
+        let source = match wanted.unwrap_or_else(|| automatic(cloud, has_colors, intensity, up)) {
+            ColorSource::Rgb if color.blank == Blank::Auto && has_blanks(cloud) => {
                 // The floats that meshes and reconstructions call intensity are rarely brightness.
-                let is_brightness = |index: &usize| cloud.grid.is_some() && varies(shown, *index);
+                let is_brightness = |index: &usize| cloud.grid.is_some() && varies(cloud, *index);
                 ColorSource::RgbOr(intensity.filter(is_brightness))
             }
             source => source,

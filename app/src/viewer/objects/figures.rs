@@ -182,6 +182,43 @@ mod tests {
     }
 
     #[test]
+    fn automatic_colours_stay_whatever_a_box_leaves() {
+        let column = |of: fn(usize) -> u8| vec![Some(Arc::new(Column::U8((0..400).map(of).collect())))];
+        let cloud = |width: f32, intensity: fn(usize) -> u8| {
+            let place = |at: usize| [(at % 20) as f32 * width / 20.0, (at / 20) as f32 * width / 20.0, (at % 3) as f32];
+            let mut chunk = Chunk::new(0, DVec3::ZERO, (0..400).map(place).collect());
+            chunk.columns = column(intensity);
+            let attributes = vec![Attribute { name: "intensity".into(), column_type: ColumnType::U8 }];
+            let grid = Some(cloud::Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO, placement: None });
+            Cloud { attributes, grid, chunks: vec![chunk], ..Cloud::default() }
+        };
+        // A landscape, a corner of which is as small as a room, and a room, in whose corner all intensities are one.
+        let scans = [(400.0, cloud(400.0, |at| at as u8), "height")];
+        let scans = scans.into_iter().chain([(10.0, cloud(10.0, |at| (at / 100) as u8), "intensity")]);
+        for (width, cloud, label) in scans {
+            let size = DVec3::splat(width * 0.2);
+            let corner = cloud::Bounds { min: DVec3::splat(-1.0), max: size };
+            let clip = scene::Clip::around(scene::ClipShape::Box, corner);
+            let inside = PointTest::new([], Vec::new(), vec![clip.volume()]);
+            for test in [PointTest::default(), inside] {
+                let figures = Figures::of(&cloud, &scene::Color::default(), &test, DVec3::Z);
+                assert_eq!(figures.plan.label, label, "{} of {} points", figures.shown, cloud.len());
+            }
+        }
+        // Points without a colour lie elsewhere.
+        let mut blank = cloud(10.0, |at| at as u8);
+        let color =
+            |at: usize| if at < 300 { [at % 20 * 12, at / 20 * 12, 90, 255].map(|part| part as u8) } else { [0; 4] };
+        blank.chunks[0].colors = Some(Arc::new((0..400).map(color).collect()));
+        let corner = cloud::Bounds { min: DVec3::splat(-1.0), max: DVec3::splat(2.0) };
+        let inside = PointTest::new([], Vec::new(), vec![scene::Clip::around(scene::ClipShape::Box, corner).volume()]);
+        for test in [PointTest::default(), inside] {
+            let plan = Figures::of(&blank, &scene::Color::default(), &test, DVec3::Z).plan;
+            assert_eq!(plan.source, render::ColorSource::RgbOr(Some(0)));
+        }
+    }
+
+    #[test]
     fn whole_numbers_have_bins_of_their_own() {
         let intensities = |most: u16| {
             let mut chunk = Chunk::new(0, DVec3::ZERO, vec![[0.0; 3]; usize::from(most) + 1]);
