@@ -194,6 +194,17 @@ impl QuickPace {
     }
 }
 
+/// How long the exposure takes to go two thirds of its way: eyes take longer, but nobody wants to wait.
+const ADAPTATION: Duration = Duration::from_millis(250);
+
+/// The longest time that counts between two frames: after a rest, the way begins when the picture changes.
+const LONGEST_STEP: Duration = Duration::from_millis(100);
+
+/// The share of its way that the exposure goes in the time between two frames.
+pub fn adapted_share(time: Duration) -> f32 {
+    1.0 - (-time.min(LONGEST_STEP).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

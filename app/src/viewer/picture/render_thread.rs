@@ -28,6 +28,7 @@ use crate::viewer::picture::frame_request::{FrameRequest, hurried};
 use crate::viewer::picture::judging::{self, MovingJudge};
 use crate::viewer::picture::messages::{Captured, Command, PickedPoint, Picture, Report};
 use crate::viewer::picture::moving::MovingPictures;
+use crate::viewer::picture::pace::adapted_share;
 use crate::viewer::picture::picture_writer::{self, DrawnFrame, Finished};
 
 /// The window's handle to the thread. When it is dropped, the thread ends after the frame that it is drawing.
@@ -368,16 +369,11 @@ impl Worker {
     fn obey(&mut self, command: Command, report: &impl Fn(Report)) -> render::Result<()> {
         match command {
             Command::Pick { pixel, purpose } => {
-                let point = match self.on_screen.clone() {
-                    Some(request) if !self.moving.is_shown => {
-                        self.hold(&request, false)?;
-                        let (drawn, radius) = request.picked(pixel);
-                        let picked = self.renderer.pick(&self.resident.store, drawn, radius)?;
-                        picked.and_then(|picked| PickedPoint::new(&self.resident, picked))
-                    }
-                    shown => self.moving.pick(&self.resident, shown.as_ref(), pixel),
-                };
-                report(Report::Picked { pixel, purpose, point });
+                let point = self.pick(pixel);
+                // What waits for an answer goes on without a point.
+                let found = point.as_ref().map_or(None, |point| *point);
+                report(Report::Picked { pixel, purpose, point: found });
+                point?;
             }
             Command::Save { request, path, facts } => {
                 self.hold(&request, true)?;
@@ -416,6 +412,19 @@ impl Worker {
             | Command::Choose { .. } => {}
         }
         Ok(())
+    }
+
+    /// The point of a cloud that is seen under a pixel.
+    fn pick(&mut self, pixel: [u32; 2]) -> render::Result<Option<PickedPoint>> {
+        match self.on_screen.clone() {
+            Some(request) if !self.moving.is_shown => {
+                self.hold(&request, false)?;
+                let (drawn, radius) = request.picked(pixel);
+                let picked = self.renderer.pick(&self.resident.store, drawn, radius)?;
+                Ok(picked.and_then(|picked| PickedPoint::new(&self.resident, picked)))
+            }
+            shown => Ok(self.moving.pick(&self.resident, shown.as_ref(), pixel)),
+        }
     }
 
     /// Carries out a command for the truth.
@@ -669,17 +678,6 @@ fn frame_of(request: &FrameRequest) -> render::Frame<'_> {
     };
     let objects = Objects { mirrors, lights, clues: *clues };
     render::Frame { camera, settings, objects, size: request.drawn_size(), effort }
-}
-
-/// How long the exposure takes to go two thirds of its way: eyes take longer, but nobody wants to wait.
-const ADAPTATION: Duration = Duration::from_millis(250);
-
-/// The longest time that counts between two frames: after a rest, the way begins when the picture changes.
-const LONGEST_STEP: Duration = Duration::from_millis(100);
-
-/// The share of its way that the exposure goes in the time between two frames.
-fn adapted_share(time: Duration) -> f32 {
-    1.0 - (-time.min(LONGEST_STEP).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
 }
 
 /// Gives a frame up once a flag is set.

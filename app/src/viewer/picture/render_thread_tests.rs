@@ -7,6 +7,7 @@ use scene::{Camera, LightClues, Mirror, MirrorSurface, Quality, Reflection, Shap
 use super::*;
 use crate::viewer::bench::{devices, own_device};
 use crate::viewer::picture::frame_request::hurried;
+use crate::viewer::picture::messages::PickPurpose;
 use crate::viewer::picture::pace::Spared;
 use crate::viewer::picture::window_texture::tests::Refusal;
 
@@ -370,6 +371,19 @@ fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_point
     // Lost again at once, it is given up.
     let again = worker.survive(render::Error::Lost("again".into()), &|_| ());
     assert!(matches!(again, Err(render::Error::Lost(why)) if why == "again"));
+}
+
+#[test]
+fn a_pick_is_answered_where_the_device_is_lost() {
+    let (Some(window_gpu), Some(gpu)) = (own_device(), own_device()) else { return };
+    let mut worker = Worker::new(gpu, window_gpu, Arc::default(), &channel().1, &|_| {}).unwrap().0;
+    worker.on_screen = Some(*request([48, 36]));
+    worker.gpu.device.destroy();
+    let reports = RefCell::new(Vec::new());
+    let pick = Command::Pick { pixel: [24, 18], purpose: PickPurpose::Select };
+    let outcome = worker.obey(pick, &|report| reports.borrow_mut().push(report));
+    assert!(outcome.is_err_and(|error| is_fatal(&error)));
+    assert!(matches!(reports.take()[..], [Report::Picked { point: None, .. }]));
 }
 
 #[test]
