@@ -174,10 +174,14 @@ impl Scene {
 
     fn whole_file_of(&self, inputs: &[String], settings: &Settings) -> SceneFile {
         let mut file = self.movable_scene_of(inputs, settings);
-        let marks = self.objects.all().filter(|(.., object)| object.kind().is_over_picture);
-        marks.for_each(|(.., mark)| file.add(mark));
+        self.marks().for_each(|mark| file.add(mark));
         let (bookmarks, paths) = (self.objects.bookmarks.clone(), self.objects.paths.clone());
         SceneFile { bookmarks, paths, ..file }
+    }
+
+    /// What is drawn over the picture: measurements, notes and profiles, switched on or off.
+    fn marks(&self) -> impl Iterator<Item = Object> + '_ {
+        self.objects.all().map(|(.., object)| object).filter(|object| object.kind().is_over_picture)
     }
 
     pub fn copy_command_line(&self, loaded: &Loaded, outside: &mut Outside) {
@@ -196,7 +200,9 @@ impl Scene {
         for (key, text) in self.written_settings(loaded).differing() {
             line += &format!(" --set {}", quoted(&format!("{key}={text}")));
         }
-        let view = SceneFile { clouds: Vec::new(), ..file }.to_text();
+        let mut view = SceneFile { clouds: Vec::new(), ..file };
+        self.marks().filter(Object::is_on).for_each(|mark| view.add(mark));
+        let view = view.to_text();
         // The names in a view may contain any line, so the end mark must be one that the view does not contain.
         let end = (1..).map(|number| format!("VIEW{number}")).find(|end| !view.lines().any(|line| line == *end));
         let end = end.unwrap_or_default();
@@ -266,7 +272,7 @@ fn free_picture(loaded: &Loaded) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
-    use scene::{Mirror, Shape};
+    use scene::{Mirror, Note, Shape};
 
     use super::*;
     use crate::viewer::requests::action::Action;
@@ -379,6 +385,11 @@ mod tests {
         mirror.name = "a\nVIEW1\nVIEW\necho broken out\n".into();
         let id = session.scene.next_object_id();
         session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Mirror(mirror.clone())));
+        for (text, on) in [("a crack", true), ("switched off", false)] {
+            let note = Note { on, ..Note::new(text.into(), glam::DVec3::X, session.scene.camera) };
+            let id = session.scene.next_object_id();
+            session.scene.edit_objects(session.outside.now, |objects| objects.add(id, Object::Note(note)));
+        }
         let (words, input) = run_by_shell(&session.scene.command_line(&session.loaded));
         let Some(Command::Render(arguments)) = CommandLine::try_parse_from(
             ["glint".to_owned(), "render".into(), "a.laz".into()].into_iter().chain(words[1..].iter().cloned()),
@@ -398,6 +409,8 @@ mod tests {
             SceneFile::parse(&scene::whole_file::read_from(input.as_bytes(), "standard input").unwrap()).unwrap();
         assert_eq!(view.camera.map(|camera| camera.pivot), Some(session.scene.camera.pivot));
         assert_eq!(view.mirrors[0].name, mirror.name.trim());
+        let notes: Vec<&str> = view.notes.iter().map(|note| note.text.as_str()).collect();
+        assert_eq!(notes, ["a crack"], "what the picture shows");
     }
 
     #[test]
