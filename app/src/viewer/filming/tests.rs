@@ -544,6 +544,12 @@ fn the_timeline_makes_a_path_with_keys_that_are_selected_and_deleted() {
     film(harness.state_mut(), Film::Add(PathPreset::View));
     harness.run_ok();
     harness.get_by_label("Keyframe 1 at 0.00 s");
+    // With one view there is no way to go at a speed, and the box says so.
+    harness.get_by_label("Constant speed").hover();
+    harness.run_ok();
+    harness.step();
+    let tells = |harness: &Harness<'_, Session>| harness.query_by_label_contains("from another place").is_some();
+    assert!(tells(&harness));
     film(harness.state_mut(), Film::Scrub(0.0));
     harness.state_mut().filming.timeline.time = 2.0;
     harness.run_ok();

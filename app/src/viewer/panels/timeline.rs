@@ -267,7 +267,10 @@ fn options(
         path.set_ease(ease);
     }
     let mut is_even = path.speed.is_some();
-    if ui.checkbox(&mut is_even, text!("Constant speed")).changed() {
+    let has_way = path.keyframes.windows(2).any(|ends| ends[0].eye != ends[1].eye);
+    let even = ui.add_enabled(has_way, egui::Checkbox::new(&mut is_even, text!("Constant speed")));
+    if even.on_disabled_hover_text(text!("The camera stays in one place: add a keyframe from another place")).changed()
+    {
         let duration = path.duration();
         let length = Motion::new(path).map_or(0.0, |motion| length(&motion));
         path.set_speed(is_even.then_some(length / duration));
