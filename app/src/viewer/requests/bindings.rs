@@ -353,13 +353,19 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
 /// The least width of the window for a sheet in two columns, in points.
 const TWO_COLUMNS: f32 = 1010.0;
 
+/// The least width of the window for rows that are not wrapped.
+const WHOLE_ROWS: f32 = 800.0;
+
 /// Draws the shortcut sheet, in two columns where the window is wide enough, which scroll where it is low. Its button
 /// sets `open` to false.
 pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let rows = sheet();
     let sections = [MOVE, VIEWS, OBJECTS, MEASURE, COLORS, FILES, TOOLS];
-    let most_high = context.content_rect().height() - 60.0;
-    let count = if context.content_rect().width() >= TWO_COLUMNS { 2 } else { 1 };
+    let whole = context.content_rect().size();
+    let most_high = whole.y - 60.0;
+    let count = if whole.x >= TWO_COLUMNS { 2 } else { 1 };
+    // Where a row is wider than the window, its gestures and its text are wrapped.
+    let widest = if whole.x >= WHOLE_ROWS { f32::INFINITY } else { 0.5 * whole.x - 40.0 };
     egui::Window::new(text!("Shortcuts"))
         .id(egui::Id::unique("shortcuts"))
         .open(open)
@@ -377,7 +383,8 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
                         ui.label(
                             egui::RichText::new(translated(section)).strong().color(crate::viewer::look::theme::ACCENT),
                         );
-                        egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).show(ui, |ui| {
+                        let grid = egui::Grid::new(section).num_columns(2).spacing([16.0, 3.0]).max_col_width(widest);
+                        grid.show(ui, |ui| {
                             for (_, gestures, text) in rows.iter().filter(|row| row.0 == section) {
                                 ui.label(egui::RichText::new(gestures).monospace().size(11.0));
                                 ui.label(translated(text));
@@ -437,7 +444,7 @@ mod tests {
     fn the_sheet_fits_into_small_windows() {
         use egui_kittest::kittest::Queryable as _;
         // The last one is a screen of 1280 x 720 pixels at 150 %.
-        for size in [[1024.0, 768.0], [853.0, 453.0]] {
+        for size in [[1024.0, 768.0], [853.0, 453.0], [480.0, 320.0]] {
             let mut harness = egui_kittest::Harness::builder().with_size(size).build_ui(|ui| {
                 crate::viewer::look::theme::apply(ui.ctx());
                 sheet_window(ui.ctx(), &mut true);
