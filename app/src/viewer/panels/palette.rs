@@ -25,13 +25,15 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     let mut rows = found(&palette.text, session);
     palette.chosen = palette.chosen.min(rows.len().saturating_sub(1));
     let (mut run, mut is_open) = (None, true);
+    let whole = context.content_rect().size();
+    let top = 70.0_f32.min(0.1 * whole.y);
     egui::Window::new(text!("Command palette"))
         .id(id())
         .title_bar(false)
         .resizable(false)
-        .anchor(egui::Align2::CENTER_TOP, [0.0, 70.0])
+        .anchor(egui::Align2::CENTER_TOP, [0.0, top])
         .show(context, |ui| {
-            ui.set_width(520.0);
+            ui.set_width(520.0_f32.min(whole.x - 40.0));
             // The arrows belong to the list, not to the text.
             for (key, step) in [(Key::ArrowDown, 1), (Key::ArrowUp, -1), (Key::PageDown, 8), (Key::PageUp, -8)] {
                 if ui.input_mut(|input| input.consume_key(Modifiers::NONE, key)) {
@@ -56,7 +58,8 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
                     run = rows.get(palette.chosen).map(|entry| entry.action.clone());
                 }
             }
-            run = list(ui, &rows, palette.chosen, palette != *before).or(run.take());
+            let most_high = 340.0_f32.min(whole.y - top - 90.0);
+            run = list(ui, &rows, palette.chosen, palette != *before, most_high).or(run.take());
             ui.label(RichText::new(text!("Up and Down choose, Enter does it, Esc closes")).small().color(theme::WEAK));
         });
     if let Some(run) = run {
@@ -74,9 +77,9 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
 }
 
 /// Draws the rows. Returns what a click asks for.
-fn list(ui: &mut egui::Ui, entries: &[Entry], chosen: usize, has_changed: bool) -> Option<Action> {
+fn list(ui: &mut egui::Ui, entries: &[Entry], chosen: usize, has_changed: bool, most_high: f32) -> Option<Action> {
     let mut clicked = None;
-    egui::ScrollArea::vertical().max_height(340.0).auto_shrink([false, true]).show(ui, |ui| {
+    egui::ScrollArea::vertical().max_height(most_high).auto_shrink([false, true]).show(ui, |ui| {
         for (index, entry) in entries.iter().enumerate() {
             let row = ui.horizontal(|ui| {
                 let label = ui.selectable_label(index == chosen, &entry.text);
@@ -181,6 +184,22 @@ mod tests {
                 let action = Action::FindParameter(key.clone());
                 assert!(found(&key, &session).first().is_some_and(|entry| entry.action == action), "{key}");
             }
+        }
+    }
+
+    #[test]
+    fn the_palette_fits_into_small_windows() {
+        for size in [[1280.0, 800.0], [480.0, 320.0]] {
+            let mut harness = Harness::builder().with_size(size).with_max_steps(16).build_ui_state(
+                |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui.ctx(), session, actions)),
+                Session::new(Preferences::default()),
+            );
+            harness.state_mut().act(Action::TogglePalette);
+            harness.run_ok();
+            let area = area(&harness.ctx).unwrap();
+            let whole = harness.ctx.content_rect();
+            assert!(whole.contains_rect(area), "{area} in {whole}");
+            assert!(whole.contains_rect(harness.get_by_label_contains("Esc closes").rect()), "{whole}");
         }
     }
 
