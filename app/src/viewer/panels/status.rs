@@ -61,13 +61,20 @@ pub fn waiting(session: &Session) -> Option<String> {
     }
 }
 
-/// The switch of the panel, the work that is under way, and the number of points.
+/// The switch of the panel, what to click, the work that is under way, and the number of points.
 fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let is_open = session.preferences.panel_is_open;
     let text = if is_open { "<" } else { ">" };
     let help = if is_open { text!("Hide the panel") } else { text!("Show the panel") };
     if ui.small_button(text).on_hover_text(help).accessible_name(help).clicked() {
         actions.push(Action::TogglePanel);
+    }
+    // What to do comes before what the program does.
+    if let Some(placing) = &session.tools.measurements.placing {
+        ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
+    }
+    if session.tools.prism.is_some() {
+        ui.label(RichText::new(translated(PRISM_HINT)).color(theme::ACCENT));
     }
     if let Some(wait) = waiting(session) {
         ui.label(RichText::new(wait).color(theme::WEAK));
@@ -111,12 +118,6 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 
 /// What the picture shows and took.
 fn state_of_picture(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
-    if let Some(placing) = &session.tools.measurements.placing {
-        ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
-    }
-    if session.tools.prism.is_some() {
-        ui.label(RichText::new(translated(PRISM_HINT)).color(theme::ACCENT));
-    }
     uncertain_reflections(ui, session, actions);
     if session.is_unlit() {
         ui.label(RichText::new(text!("data colours, no light")).color(theme::ACCENT));
@@ -246,7 +247,7 @@ mod tests {
     use scene::MeasurementKind;
 
     use super::*;
-    use crate::viewer::requests::action::Measuring;
+    use crate::viewer::requests::action::{Clipping, Measuring};
 
     #[test]
     fn in_a_narrow_window_the_left_end_is_cut_and_nothing_lies_over_another() {
@@ -261,9 +262,16 @@ mod tests {
             harness.run_ok();
             let points = harness.get_by_label("2 points").rect();
             let hint = harness.get_by_label("distance: click point 1 of 2").rect();
-            assert!(points.right() <= hint.left(), "{width}: {points:?}, {hint:?}");
+            assert!(hint.right() <= points.left(), "{width}: {points:?}, {hint:?}");
             assert!(hint.right() < harness.get_by_label("Messages").rect().left());
             assert_eq!(points.width() > 40.0, is_whole, "{width}: {points:?}");
+            // The longest text of what to click is cut, too.
+            harness.state_mut().act(Action::Clip(Clipping::DrawPrism));
+            harness.run_ok();
+            let [toggle, hint, messages] =
+                ["Hide the panel", translated(PRISM_HINT), "Messages"].map(|label| harness.get_by_label(label).rect());
+            assert!(toggle.left() >= 0.0 && toggle.right() <= hint.left() && hint.right() < messages.left());
+            assert!(messages.right() <= width, "{width}: {messages:?}");
         }
     }
 
