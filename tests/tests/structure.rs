@@ -57,7 +57,7 @@ const KNOWN_LONG_FUNCTIONS: &[(&str, &str)] = &[
     ("app/src/shared/comparing.rs", "compare"),
     ("app/src/viewer/picture/render_thread.rs", "run"),
     ("app/src/viewer/requests/work.rs", "run"),
-    ("app/src/viewer/session/actions.rs", "act"),
+    ("app/src/viewer/session/actions.rs", "carry_out"),
     ("crates/codec/src/las/header.rs", "read"),
     ("crates/codec/src/las/layout.rs", "new"),
 ];

@@ -23,16 +23,27 @@ impl Session {
     }
 
     pub fn act(&mut self, action: Action) {
+        // While corners are given, undo takes the last one back.
+        let action = match action {
+            Action::Undo if self.tools.has_corners() => Action::Measuring(Measuring::RemoveCorner),
+            action => action,
+        };
+        if let Some(action) = self.tools.clicked.keep(action) {
+            self.carry_out(action);
+        }
+    }
+
+    /// Carries out what has waited for clicks that are answered now.
+    pub(super) fn carry_out_due(&mut self) {
+        self.tools.clicked.due().into_iter().for_each(|action| self.carry_out(action));
+    }
+
+    fn carry_out(&mut self, action: Action) {
         use Action::{
             AddSpot, AskHover, ColorBy, DollHouse, Duplicate, EndDrag, Fast, Fly, FlySpeed, FrameAll, GoInside,
             LastView, LightBy, Look, LookAlong, LookFrom, Mark, NextLight, NextView, Orbit, Pan, Paste, PasteView,
             PivotHere, PointAt, PointSize, RawColors, ReturnTo, Select, SetParameter, ShowKept, ShowTruth, Slow,
             ToggleEdl, ToggleLight, ToggleMode, Travel, Unmark, Zoom,
-        };
-        // While corners are given, undo takes the last one back.
-        let action = match action {
-            Action::Undo if self.tools.has_corners() => Action::Measuring(Measuring::RemoveCorner),
-            action => action,
         };
         self.filming.before(&action, &mut self.scene);
         let Some(action) = self.scene.act(action, &self.loaded.clouds, &mut self.outside) else { return };

@@ -131,7 +131,8 @@ impl Session {
         self.with_loaded(Loaded::close_all);
         self.preferences.remember_settings(&self.scene.own_settings());
         self.scene.clear(self.preferences.settings().0);
-        self.tools = Tools { light_panel_is_open: self.tools.light_panel_is_open, ..Tools::default() };
+        let Tools { light_panel_is_open, clicked, .. } = std::mem::take(&mut self.tools);
+        self.tools = Tools { light_panel_is_open, clicked: clicked.alone(), ..Tools::default() };
         self.document.forget();
         let is_file = restored.is_some() || !request.scene_files.is_empty();
         if restored.is_some() {
@@ -474,6 +475,7 @@ impl Session {
             }
             Report::Picked { pixel, purpose, point } => {
                 self.tools.on_picked(pixel, purpose, point, &mut self.scene, &self.loaded, &mut self.outside);
+                self.carry_out_due();
             }
             Report::Saved(path) => self.outside.saved(&path),
             Report::Read(picture) => {
@@ -507,6 +509,8 @@ impl Session {
             Report::Lost(problem) => {
                 self.outside.log(json!({ "event": "lost", "text": problem }));
                 self.fatal = Some(problem);
+                self.tools.clicked.give_up();
+                self.carry_out_due();
             }
         }
     }

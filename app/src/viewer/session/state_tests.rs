@@ -8,6 +8,7 @@ use world::{Change, CloudKey, Event, Opened, Part};
 use super::*;
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::Marking;
+use crate::viewer::picture::messages::{PickPurpose, PickedPoint};
 use crate::viewer::requests::action::Clipping;
 use crate::viewer::requests::outside::Effect;
 use crate::viewer::requests::work::Work;
@@ -318,4 +319,75 @@ fn a_parameter_that_is_reset_comes_back_by_undo() {
     assert!(session.outside.messages.all.last().unwrap().text.starts_with("splat.size is "));
     session.act(Action::Undo);
     assert_eq!(session.scene.settings.splat.size, 3.0);
+}
+
+fn click(session: &mut Session) {
+    session.act(Action::PointAt(Some([10, 10])));
+    session.act(Action::Pick);
+}
+
+/// The answer to a click: one of the two points of the cloud, or none.
+fn answer(session: &mut Session, index: Option<usize>) {
+    let chunk = CloudKey(0).chunk(Part::Block(0));
+    let point = index.map(|index| PickedPoint { chunk, index });
+    session.on_report(Report::Picked { pixel: [10, 10], purpose: PickPurpose::Select, point });
+}
+
+/// Which of the two points each mirror is nearer to.
+fn mirrors(session: &Session) -> Vec<usize> {
+    let nearer = |place: DVec3| usize::from(place.distance(DVec3::new(10.0, 10.0, 0.0)) < place.length());
+    session.scene.objects.mirrors.iter().map(|placed| nearer(placed.mirror.position)).collect()
+}
+
+#[test]
+fn what_is_added_right_after_a_click_goes_to_the_point_that_was_clicked() {
+    let mut session = Session::with_two_points();
+    session.scene.view_size = [400, 300];
+    click(&mut session);
+    answer(&mut session, Some(0));
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::Clip(Clipping::AroundPick));
+    session.on_report(Report::Picked { pixel: [10, 10], purpose: PickPurpose::Hover, point: None });
+    assert_eq!((mirrors(&session), session.scene.objects.clips.len()), (vec![], 0), "it is not known where to");
+    answer(&mut session, Some(1));
+    assert_eq!(mirrors(&session), [1]);
+    assert!(session.scene.objects.clips[0].clip.volume().volume.contains(DVec3::new(10.0, 10.0, 0.0)));
+    // Each goes to the click before it, and where that met nothing, to the point before.
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    answer(&mut session, Some(0));
+    assert_eq!(mirrors(&session), [1, 0]);
+    answer(&mut session, None);
+    assert_eq!(mirrors(&session), [1, 0, 0]);
+    // What waits is taken back like what is there.
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::Undo);
+    answer(&mut session, Some(1));
+    assert_eq!(mirrors(&session), [1, 0, 0]);
+    session.act(Action::Undo);
+    assert_eq!(mirrors(&session), [1, 0]);
+    // Where nothing can be drawn any more, no answer comes.
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.on_report(Report::Lost("gone".into()));
+    assert_eq!(mirrors(&session), [1, 0, 1]);
+}
+
+#[test]
+fn what_waits_for_a_click_is_not_added_to_the_next_scene() {
+    let mut session = Session::with_two_points();
+    session.scene.view_size = [400, 300];
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.go(Leaving::Open("five-mirrors/none".into()));
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    answer(&mut session, None);
+    assert_eq!(mirrors(&session), [0; 0], "this is the answer to the first click");
+    answer(&mut session, None);
+    assert_eq!(mirrors(&session).len(), 1);
 }

@@ -1,6 +1,7 @@
 //! The tools over the picture: the picked point, measurements, the inspection mirror, the draft of points that will reflect, and the
 //! handles of the gizmo. They also act on what was found under a pixel.
 
+pub mod clicked;
 pub mod clips;
 pub mod facts;
 pub mod measurements;
@@ -30,6 +31,7 @@ use crate::viewer::requests::outside::{Asked, Effect, Outside};
 use crate::viewer::requests::pick::{Pick, loaded_attributes};
 use crate::viewer::requests::work::Work;
 use crate::viewer::scene::Scene;
+use crate::viewer::tools::clicked::Clicked;
 use crate::viewer::tools::clips::PrismDraft;
 use crate::viewer::tools::facts::facts;
 use crate::viewer::tools::measurements::Measurements;
@@ -67,6 +69,7 @@ fn find_error(picked: PickedPoint, world: DVec3, sight: DVec3, loaded: &Loaded, 
 pub struct Tools {
     pub inspection: Option<Inspection>,
     pub pick: Option<Pick>,
+    pub clicked: Clicked,
     pub measurements: Measurements,
     pub profiles: Profiles,
     /// The choice of points to turn into a mirror.
@@ -197,7 +200,8 @@ impl Tools {
             self.add_corner(scene, outside);
         } else if self.inspection.is_some() {
             self.pin_inspection(scene, outside);
-        } else {
+        } else if scene.cursor().is_some() {
+            self.clicked.ask();
             scene.pick_under_cursor(PickPurpose::Select, outside);
         }
     }
@@ -275,17 +279,21 @@ impl Tools {
                 let found = found.map(|(_, world)| world);
                 self.measurements.on_corner(found, mirror.is_some(), scene, outside);
             }
-            (PickPurpose::Select, _) => match (mirror, found) {
-                (Some((id, _)), _) => {
-                    scene.selected = Some(id);
-                    outside.log(json!({ "event": "selected", "mirror": scene.objects.mirror(id).map(|m| &m.name) }));
+            (PickPurpose::Select, _) => {
+                self.clicked.answer();
+                match (mirror, found) {
+                    (Some((id, _)), _) => {
+                        scene.selected = Some(id);
+                        let name = scene.objects.mirror(id).map(|mirror| &mirror.name);
+                        outside.log(json!({ "event": "selected", "mirror": name }));
+                    }
+                    (None, Some((point, world))) => {
+                        scene.selected = None;
+                        self.select(point, world, sight(scene, world), loaded, outside);
+                    }
+                    (None, None) => {}
                 }
-                (None, Some((point, world))) => {
-                    scene.selected = None;
-                    self.select(point, world, sight(scene, world), loaded, outside);
-                }
-                (None, None) => {}
-            },
+            }
         }
     }
 
