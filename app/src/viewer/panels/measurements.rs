@@ -164,7 +164,12 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
     row(ui, session, head, switched, format!("{}\n{copied}\n", measurement.name), actions);
     let is_selected = session.scene.selected == Some(*id);
     match figures {
-        None => drop(ui.label(RichText::new(text!("measuring")).color(theme::WEAK))),
+        None => {
+            let waits = session.loaded.points_come();
+            let text =
+                if waits { text!("waits until all points and their normals are there") } else { text!("measuring") };
+            ui.label(RichText::new(text).color(theme::WEAK));
+        }
         Some(Err(problem)) => drop(ui.colored_label(theme::ERROR, problem)),
         Some(Ok(figures)) => {
             let shown = if is_selected { figures.len() } else { Figure::main_ones(measurement.kind) };
@@ -356,6 +361,23 @@ mod tests {
         harness.run_ok();
         assert_eq!(harness.state().scene.objects.notes[0].note.text, "");
         assert!(!harness.ctx.text_edit_focused(), "keys are shortcuts again");
+    }
+
+    #[test]
+    fn a_measurement_says_that_it_waits_for_points_and_normals() {
+        let mut harness = harness();
+        choose(&mut harness, "distance (Alt+2)");
+        let session = harness.state_mut();
+        let job = session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
+        [0, 1].into_iter().for_each(|index| click(session, Some(index)));
+        work(session);
+        harness.run_steps(2);
+        let waits = |harness: &Harness<'_, Session>| harness.query_by_label_contains("waits until").is_some();
+        assert!(waits(&harness));
+        let session = harness.state_mut();
+        session.with_loaded(|loaded, beside| loaded.on_loading(job, world::Event::Finished, beside));
+        harness.run_steps(2);
+        assert!(!waits(&harness) && harness.query_by_label("measuring").is_some());
     }
 
     #[test]

@@ -61,7 +61,7 @@ pub fn waiting(session: &Session) -> Option<String> {
     }
 }
 
-/// The switch of the panel, what to click, the work that is under way, and the number of points.
+/// The switch of the panel, what to click, what waits, the work that is under way, and the number of points.
 fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let is_open = session.preferences.panel_is_open;
     let text = if is_open { "<" } else { ">" };
@@ -69,12 +69,19 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if ui.small_button(text).on_hover_text(help).accessible_name(help).clicked() {
         actions.push(Action::TogglePanel);
     }
-    // What to do comes before what the program does.
+    // What to do, and what waits, comes before what the program does.
     if let Some(placing) = &session.tools.measurements.placing {
         ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
     }
     if session.tools.prism.is_some() {
         ui.label(RichText::new(translated(PRISM_HINT)).color(theme::ACCENT));
+    }
+    let waits = session.loaded.points_come() && !session.tools.measurements.are_known(&session.scene);
+    for text in [
+        waits.then(|| text!("a measurement waits")),
+        session.tools.clicked.is_waited_for().then(|| text!("looking up the point that was clicked")),
+    ] {
+        text.map(|text| ui.label(RichText::new(text).color(theme::WEAK)));
     }
     if let Some(wait) = waiting(session) {
         ui.label(RichText::new(wait).color(theme::WEAK));
@@ -244,9 +251,11 @@ fn messages_button(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
 mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable as _;
-    use scene::MeasurementKind;
+    use glam::DVec3;
+    use scene::{Measurement, MeasurementKind, Object};
 
     use super::*;
+    use crate::viewer::objects::ObjectId;
     use crate::viewer::requests::action::{Clipping, Measuring};
 
     #[test]
@@ -273,6 +282,33 @@ mod tests {
             assert!(toggle.left() >= 0.0 && toggle.right() <= hint.left() && hint.right() < messages.left());
             assert!(messages.right() <= width, "{width}: {messages:?}");
         }
+    }
+
+    #[test]
+    fn a_measurement_that_waits_for_points_is_named_beside_their_progress() {
+        let mut session = Session::with_two_points();
+        session.adapter = Some("any".into());
+        let line = Measurement {
+            name: "width".into(),
+            kind: MeasurementKind::Distance,
+            on: true,
+            color: [1.0; 3],
+            points: vec![DVec3::ZERO, DVec3::X],
+            reach: None,
+            level: None,
+        };
+        session.scene.objects.add(ObjectId(7), Object::Measurement(line));
+        session.loaded.add_job(&[], Default::default(), Default::default(), session.outside.now);
+        let mut harness = Harness::builder().with_size([700.0, 28.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_steps(2);
+        let waits = |harness: &Harness<'_, Session>| harness.query_by_label("a measurement waits").is_some();
+        assert!(waits(&harness));
+        harness.state_mut().scene.objects.measurements.clear();
+        harness.run_steps(2);
+        assert!(!waits(&harness));
     }
 
     #[test]
