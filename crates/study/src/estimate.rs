@@ -297,7 +297,12 @@ mod tests {
         for _ in 0..count {
             // Exponential, with the median ln 2 and a share of e^-1 above 1.
             let pixels = -(1.0 - unit(random)).ln();
-            judged.errors.push(PixelError { angle: 0.0, pixels: Some(pixels), is_other_surface: None });
+            judged.errors.push(PixelError {
+                angle: 0.0,
+                pixels: Some(pixels),
+                is_off: Some(pixels > 1.0),
+                is_other_surface: None,
+            });
             let noise = (unit(random) - 0.5) as f32;
             judged.lights.push([[2.0 + noise; 3], [2.0; 3]]);
         }

@@ -163,8 +163,11 @@ pub fn surface_error(drawn: &[DVec3], truth: &[DVec3]) -> SurfaceError {
 pub struct PixelError {
     /// The angle between Q - P and R in degrees.
     pub angle: f64,
-    /// The error relative to the angle by which R changes from this pixel to the next; none if R does not change.
+    /// The error relative to the angle by which R changes from this pixel to the next; none if R does not change by more
+    /// than rounding does ([`STEADY`]), as in a plane mirror in parallel projection.
     pub pixels: Option<f64>,
+    /// Whether the error is more than a pixel, or more than rounding where R does not change; none without a neighbour.
+    pub is_off: Option<bool>,
     /// Whether |Q - P| differs from |H - P| by more than 5 %; none if the truth sees nothing.
     pub is_other_surface: Option<bool>,
 }
@@ -172,10 +175,13 @@ pub struct PixelError {
 impl PixelError {
     /// Whether the pixel is more than a pixel off, or shows another surface.
     pub fn is_wrong(&self) -> bool {
-        let is_near = self.pixels.unwrap_or(0.0) <= 1.0;
-        !is_near || self.is_other_surface == Some(true)
+        self.is_off == Some(true) || self.is_other_surface == Some(true)
     }
 }
+
+/// The angle in degrees up to which reflected directions are the same: rounding of positions turns them by less, and
+/// from pixel to pixel a picture of 1000 pixels changes more in views of two degrees and more.
+const STEADY: f64 = 1e-3;
 
 /// The error of a filled pixel; none for others. Arguments as in [`accuracy`] and [`direction_step`].
 pub fn pixel_error(width: usize, pixels: &[Option<MirrorPixel>], index: usize) -> Option<PixelError> {
@@ -187,7 +193,10 @@ pub fn pixel_error(width: usize, pixels: &[Option<MirrorPixel>], index: usize) -
         let is_same = (found - true_distance).abs() <= OCCLUSION_TOLERANCE * true_distance;
         !is_same
     });
-    Some(PixelError { angle, pixels: direction_step(width, pixels, index).map(|step| angle / step), is_other_surface })
+    let step = direction_step(width, pixels, index);
+    let in_pixels = step.filter(|step| *step > STEADY).map(|step| angle / step);
+    let is_off = step.map(|step| angle > step.max(STEADY));
+    Some(PixelError { angle, pixels: in_pixels, is_off, is_other_surface })
 }
 
 impl MirrorPixel {
@@ -215,7 +224,7 @@ const DEPTH_STEP: f64 = 20.0;
 
 /// The change of the reflected direction from a mirror pixel to the next in degrees: the larger of the mean changes to
 /// the left and right and to the upper and lower neighbour, without neighbours that show no mirror or lie beyond a
-/// depth step. `None` if no neighbour is left, or nothing changes.
+/// depth step; 0 if nothing changes. `None` if no neighbour is left.
 pub fn direction_step(width: usize, pixels: &[Option<MirrorPixel>], index: usize) -> Option<f64> {
     let pixel = pixels.get(index).copied().flatten()?;
     let column = index % width;
@@ -228,13 +237,12 @@ pub fn direction_step(width: usize, pixels: &[Option<MirrorPixel>], index: usize
         is_same_surface.then(|| angle(pixel.reflected, other.reflected))
     };
     let mean = |neighbours: [Option<usize>; 2]| match neighbours.map(change) {
-        [Some(a), Some(b)] => (a + b) / 2.0,
-        [one, other] => one.or(other).unwrap_or(0.0),
+        [Some(a), Some(b)] => Some((a + b) / 2.0),
+        [one, other] => one.or(other),
     };
     let sideways = mean([(column > 0).then(|| index - 1), (column + 1 < width).then_some(index + 1)]);
     let upright = mean([index.checked_sub(width), Some(index + width)]);
-    let step = sideways.max(upright);
-    (step > 0.0).then_some(step)
+    sideways.into_iter().chain(upright).reduce(f64::max)
 }
 
 /// How different a picture looks, over its mirror pixels.
@@ -377,6 +385,20 @@ mod tests {
             let off = MirrorPixel { found: right.position + turned(DVec3::Y, degrees, right.reflected) * 7.0, ..right };
             assert!((angle_of(&[Some(off)]) / degrees - 1.0).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn where_directions_do_not_change_an_error_is_wrong_but_has_no_size_in_pixels() {
+        // A plane mirror in parallel projection, with the rounding of f32.
+        let flat = |x: f64, degrees: f64| {
+            let pixel = pixel(x, 2e-5 * x);
+            MirrorPixel { found: pixel.position + turned(DVec3::Y, degrees, DVec3::Z) * 2.0, ..pixel }
+        };
+        let row = [0.0, 1e-4, 15.0].map(|degrees| Some(flat(degrees / 15.0, degrees)));
+        let errors = [0, 1, 2].map(|index| pixel_error(3, &row, index).unwrap());
+        assert_eq!(errors.map(|error| error.pixels), [None; 3]);
+        assert_eq!(errors.map(|error| error.is_wrong()), [false, false, true]);
+        assert_eq!(pixel_error(1, &row[2..], 0).unwrap().is_off, None, "without a neighbour nothing is known");
     }
 
     #[test]

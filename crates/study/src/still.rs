@@ -239,7 +239,12 @@ impl Still {
             let error = |index: usize| {
                 let pixel = pixels[index]?;
                 match (pixel.truth.is_some(), pixel.coverage > 0.0) {
-                    (true, true) => pixel_error(width, &pixels, index)?.pixels.map(|error| error.min(WRONG)),
+                    (true, true) => {
+                        let error = pixel_error(width, &pixels, index)?;
+                        // Where directions do not change, nothing is between right and wrong.
+                        let steady = || error.is_off.map(|is_off| if is_off { WRONG } else { 0.0 });
+                        error.pixels.map(|error| error.min(WRONG)).or_else(steady)
+                    }
                     (false, false) => Some(0.0),
                     _ => Some(WRONG),
                 }
