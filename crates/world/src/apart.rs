@@ -32,7 +32,10 @@ impl Apart {
         for (place, is_near) in places.iter().zip(&is_near).filter(|(place, _)| !place.bounds.is_empty()) {
             let difference = place.difference(shown);
             if !is_near {
-                let unit = shown.units.length().map_or("units".into(), |unit| unit.to_string());
+                // Between coordinates of several systems or units, no unit is that of the number.
+                let unit =
+                    shown.units.length().filter(|unit| difference.is_none() && place.units.length() == Some(*unit));
+                let unit = unit.map_or("units".into(), |unit| unit.to_string());
                 warnings.push(format!(
                     "{} lies {} {unit} away from {}{}",
                     place.name,
@@ -150,6 +153,23 @@ mod tests {
                 "other lies 4,999,800 units away from large; it has another coordinate system"
             ]
         );
+    }
+
+    #[test]
+    fn a_distance_has_a_unit_only_where_all_of_its_coordinates_have_that() {
+        let in_unit = |name, x, points, unit, system| {
+            let units = codec::Units { level: unit, height: unit };
+            Place { units, ..place(name, x, points, system) }
+        };
+        let (metre, foot) = (Some(codec::Unit::Metre), Some(codec::Unit::Foot));
+        let told = |other, system| {
+            let places = [in_unit("a", 0.0, 9, metre, Some("A")), in_unit("b", 5e6, 1, other, Some(system))];
+            Apart::of(&places).warnings.concat()
+        };
+        assert_eq!(told(metre, "A"), "b lies 4,999,900 m away from a");
+        assert_eq!(told(metre, "B"), "b lies 4,999,900 units away from a; it has another coordinate system");
+        assert_eq!(told(None, "A"), "b lies 4,999,900 units away from a");
+        assert!(told(foot, "A").starts_with("b lies 4,999,900 units away from a; it has "), "{}", told(foot, "A"));
     }
 
     #[test]
