@@ -52,6 +52,16 @@ enum Place {
     Memory(Vec<u8>),
 }
 
+/// The error of a file that was not opened. Of a link to nothing it says that: the link itself is there.
+fn told(path: &Path, error: io::Error) -> io::Error {
+    match path.read_link() {
+        Ok(target) if error.kind() == io::ErrorKind::NotFound => {
+            io::Error::new(io::ErrorKind::NotFound, format!("a link to {}, where nothing is", shown(&target)))
+        }
+        _ => error,
+    }
+}
+
 impl Bytes {
     /// The name of standard input among files. What comes from there is copied to a temporary file without a name when it is
     /// first opened, since points are read out of order and clouds are opened again.
@@ -60,7 +70,7 @@ impl Bytes {
     /// # Errors
     /// If the path leads to no regular file, or to one that cannot be read.
     pub fn open(path: &Path) -> Result<Self> {
-        let io = |error| Error::io(path, error);
+        let io = |error| Error::io(path, told(path, error));
         if path == Path::new(Self::STANDARD_INPUT) {
             return standard_input().and_then(|file| Self::of_file(path, file)).map_err(io);
         }

@@ -192,6 +192,7 @@ fn hidden_names_in_a_folder_are_no_tiles_and_a_link_to_nothing_is_named() {
         assert!(outcome.messages.contains("c.ply: a link to ../gone.ply, where nothing is"), "{outcome}");
         let outcome = folder.glint(["info", "tiles"]);
         assert!(outcome.status == Some(2) && outcome.messages.contains("c.ply"), "a tile is missed: {outcome}");
+        assert!(outcome.messages.contains("c.ply: a link to ../gone.ply, where nothing is"), "{outcome}");
     }
 }
 
