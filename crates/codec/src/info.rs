@@ -23,8 +23,7 @@ pub struct Info {
     /// The number of points that a full read yields: the header's count, less the points that the file is too short
     /// for.
     pub points: u64,
-    /// The number of points that the file announces, and that are not read: it is too short or too damaged for them, or
-    /// they are in a second list of points.
+    /// The number of points that the file announces, and that are not read: it is too short or too damaged for them.
     pub missing: u64,
     /// The world bounds from the header, if they are believable.
     pub bounds: Option<Bounds>,

@@ -129,7 +129,7 @@ impl RowSource {
         let polygons = header.elements.iter().filter(|element| faces::is_polygons(element));
         let info = Info {
             points: rows.count,
-            missing: element.count.saturating_sub(rows.count).saturating_add(further),
+            missing: element.count.saturating_sub(rows.count),
             properties: scalars.iter().map(attribute).collect(),
             attributes: roles.attributes.iter().map(|&index| attribute(&scalars[index])).collect(),
             has_colors: roles.colors.is_some(),
