@@ -15,8 +15,10 @@ fn unpack_normal(packed: u32) -> vec3f {
 }
 
 // The radius in world units from the upper 11 of 16 bits, or the long half axis of an ellipse; zero if it is not known.
+// Below 2^-19, steps are coarse.
 fn unpack_radius(packed: u32) -> f32 {
-    return select(exp2(f32(packed & 0xffe0u) / 2048.0 - 20.0), 0.0, packed == 0u);
+    let octave = f32(packed & 0xffe0u) / 2048.0;
+    return select(exp2(select(octave - 20.0, octave * 16.0 - 35.0, octave < 1.0)), 0.0, packed == 0u);
 }
 
 // What keeps a point with this packed radius from being on a surface: 1 of a lone stray, 2 of a mixed pixel, or 0.

@@ -46,8 +46,8 @@ pub use names::{
 pub use noise::{Neighbourhoods, neighbourhoods};
 pub use origin::{Amid, amid, offset_from};
 pub use packing::{
-    MIXED_RADIUS, NO_NORMAL, NO_RADIUS, RADIUS_SHAPES, RADIUS_STEPS, STRAY_RADIUS, Stretch, pack_ellipse, pack_normal,
-    pack_radius, resized_radius, stray_kind, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
+    MIXED_RADIUS, NO_NORMAL, NO_RADIUS, RADIUS_SHAPES, RADIUS_STEPS, STRAY_RADIUS, Stretch, grown_radius, pack_ellipse,
+    pack_normal, pack_radius, resized_radius, stray_kind, stretch_ratio, unpack_normal, unpack_radius, unpack_stretch,
 };
 pub use placement::Placement;
 pub use progress::Progress;

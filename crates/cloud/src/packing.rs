@@ -51,24 +51,45 @@ fn fold(p: Vec2) -> Vec2 {
 pub const RADIUS_STEPS: u16 = 2048;
 /// The lowest bits of a packed radius are the shape, so that radii come in these steps: 1.1 % from one to the next.
 pub const RADIUS_SHAPES: u16 = 32;
-/// The binary logarithm of the smallest radius, 2^-20; the largest is 2^12: from the bunny in metres to a survey in
-/// feet.
+/// The steps per doubling without those of the shape.
+const FINE_STEPS: f32 = (RADIUS_STEPS / RADIUS_SHAPES) as f32;
+/// The binary logarithm of the radius of step 0, if all steps were fine. The largest radius is 2^12: from the bunny in
+/// metres to a survey in feet.
 const RADIUS_LOG_MIN: f32 = -20.0;
+/// Below this step, whose radius is 2^-19, steps are coarse, so that they reach down to 2^-35: a sample under a microscope
+/// in metres has discs, too, up to 9 % larger or smaller than they should be.
+const FIRST_FINE: u16 = RADIUS_STEPS / RADIUS_SHAPES;
+/// The number of coarse steps per doubling.
+const COARSE_STEPS: f32 = 4.0;
 
-/// Packs the radius of a disc in world units; clamped to 2^-20 ..= 2^12, but never that of a stray, and `NO_RADIUS` if
+/// The step of a radius by its binary logarithm.
+fn step_of(log: f32) -> u16 {
+    let first = f32::from(FIRST_FINE);
+    let step = (log - RADIUS_LOG_MIN) * FINE_STEPS;
+    let coarse = || (log - RADIUS_LOG_MIN - 1.0) * COARSE_STEPS + first;
+    if step < first { coarse().round().clamp(1.0, first) as u16 } else { step.round().min(2047.0) as u16 }
+}
+
+/// The binary logarithm of the radius of a step.
+fn log_of(step: u16) -> f32 {
+    if step < FIRST_FINE {
+        return (f32::from(step) - f32::from(FIRST_FINE)) / COARSE_STEPS + RADIUS_LOG_MIN + 1.0;
+    }
+    f32::from(step) / FINE_STEPS + RADIUS_LOG_MIN
+}
+
+/// Packs the radius of a disc in world units; clamped to 2^-35 ..= 2^12, but never that of a stray, and `NO_RADIUS` if
 /// not positive and finite.
 pub fn pack_radius(radius: f32) -> u16 {
     if !(radius > 0.0 && radius.is_finite()) {
         return NO_RADIUS;
     }
-    let steps = f32::from(RADIUS_STEPS / RADIUS_SHAPES);
-    ((radius.log2() - RADIUS_LOG_MIN) * steps).round().clamp(1.0, 2047.0) as u16 * RADIUS_SHAPES
+    step_of(radius.log2()) * RADIUS_SHAPES
 }
 
 /// The radius in world units, or the long half axis of an ellipse; `None` for `NO_RADIUS`.
 pub fn unpack_radius(packed: u16) -> Option<f32> {
-    (packed != NO_RADIUS)
-        .then(|| (f32::from(packed / RADIUS_SHAPES * RADIUS_SHAPES) / f32::from(RADIUS_STEPS) + RADIUS_LOG_MIN).exp2())
+    (packed != NO_RADIUS).then(|| log_of(packed / RADIUS_SHAPES).exp2())
 }
 
 /// What keeps a point with this packed radius from being on a surface: 1 of a lone stray, 2 of a mixed pixel, and 0 of all
@@ -82,9 +103,17 @@ pub fn resized_radius(packed: u16, size: f32) -> u16 {
     if packed < RADIUS_SHAPES {
         return packed;
     }
-    let steps = (size.log2() * f32::from(RADIUS_STEPS / RADIUS_SHAPES)).round() as i32;
-    let resized = (i32::from(packed / RADIUS_SHAPES).saturating_add(steps)).clamp(1, 2047) as u16;
-    resized * RADIUS_SHAPES + packed % RADIUS_SHAPES
+    grown_radius(packed, (size.log2() * FINE_STEPS).round() as i32)
+}
+
+/// A packed radius after so many steps, of which `RADIUS_STEPS / RADIUS_SHAPES` double it, with its shape. It must be one of a
+/// disc or an ellipse.
+pub fn grown_radius(packed: u16, steps: i32) -> u16 {
+    let step = packed / RADIUS_SHAPES;
+    let grown = i32::from(step).saturating_add(steps).min(2047);
+    let is_fine = step.min(grown.max(0) as u16) >= FIRST_FINE;
+    let grown = if is_fine { grown as u16 } else { step_of(log_of(step) + steps as f32 / FINE_STEPS) };
+    grown * RADIUS_SHAPES + packed % RADIUS_SHAPES
 }
 
 /// How much longer an ellipse is than wide, and in which direction.
@@ -170,6 +199,22 @@ mod tests {
             assert_eq!(marks.map(|packed| resized_radius(packed, size)), marks);
         }
         assert_eq!((resized_radius(70, 0.05), resized_radius(65_001, 20.0)), (32 + 6, 65_504 + 9));
+    }
+
+    #[test]
+    fn radii_of_microscopy_survive_packing_to_a_tenth_and_grow_as_all_others() {
+        for radius in [1e-10_f32, 2.5e-8, 4e-7, 1.8e-6] {
+            let packed = pack_radius(radius);
+            assert!((unpack_radius(packed).unwrap() / radius - 1.0).abs() < 0.1, "{radius}");
+            for size in [1.0, 3.0, 400.0, 1e6] {
+                let back = unpack_radius(resized_radius(packed + 5, size)).unwrap();
+                assert!((back / (radius * size) - 1.0).abs() < 0.2, "{radius} times {size} is {back}");
+                assert_eq!(resized_radius(packed + 5, size) % RADIUS_SHAPES, 5);
+            }
+        }
+        let all: Vec<f32> = (0..=2047).map(log_of).collect();
+        assert!(all.windows(2).all(|pair| pair[0] < pair[1]), "steps are in order");
+        assert!((1..=2047).all(|step| step_of(log_of(step)) == step), "and each is one of its own");
     }
 
     #[test]

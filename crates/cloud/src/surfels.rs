@@ -31,7 +31,7 @@ use crate::{
 
 /// The number of the estimator of normals, radii and stray points: what was estimated with another one is estimated anew
 /// where it was kept. It grows with each change of the results; a test holds it (tests/estimator.rs).
-pub const ESTIMATOR: u32 = 10;
+pub const ESTIMATOR: u32 = 11;
 /// The splat radius relative to the radius of a disc with a point's share of area. Points that fall at random leave
 /// exp(-2^2) = 2 % of a surface bare; scans, which are more even, leave less.
 pub const SPLAT_OVERLAP: f32 = 2.0;

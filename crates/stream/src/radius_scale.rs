@@ -17,13 +17,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use cloud::{Chunk, NO_RADIUS, RADIUS_SHAPES, RADIUS_STEPS, pack_radius, stray_kind};
+use cloud::{Chunk, NO_RADIUS, RADIUS_SHAPES, RADIUS_STEPS, grown_radius, pack_radius, stray_kind};
 use glam::{DVec3, Vec3};
 
 use crate::{NodeId, Octree};
 
-/// The steps of a packed radius for an eighth of a doubling.
-const EIGHTH: u16 = RADIUS_STEPS / 8;
+/// The steps of a radius for an eighth of a doubling.
+const EIGHTH: i32 = (RADIUS_STEPS / RADIUS_SHAPES / 8) as i32;
 
 /// The bounds of enlarged radii, in distances between the points that are drawn at a place. One point of each cell of a
 /// grid is drawn, and a surface meets up to 1.5 cells for each that it would fill. 0.8 leaves no holes; pictures of a
@@ -215,12 +215,7 @@ impl Field {
     /// The radii of a chunk whose radii were estimated from its node's points alone; `own` are the numbers of these by
     /// octant. None is larger than before, but where only some of the node's points are drawn.
     pub fn radii_of_density(&self, id: NodeId, chunk: &Chunk, own: &Octants) -> Radii {
-        self.scaled(id, chunk, |first, position, radius| {
-            let shape = i32::from(radius % RADIUS_SHAPES);
-            let scaled = (i32::from(radius) - shape + self.steps(first, position, own)).max(i32::from(RADIUS_SHAPES));
-            let largest = i32::from(u16::MAX / RADIUS_SHAPES) * i32::from(RADIUS_SHAPES);
-            (scaled.min(largest) + shape) as u16
-        })
+        self.scaled(id, chunk, |first, position, radius| grown_radius(radius, self.steps(first, position, own)))
     }
 
     fn scaled(&self, id: NodeId, chunk: &Chunk, scale: impl Fn(u32, DVec3, u16) -> u16) -> Radii {
@@ -245,8 +240,7 @@ impl Field {
                 0 => {
                     let octaves = 0.5 * here.max(f64::MIN_POSITIVE).log2();
                     let steps = (octaves * f64::from(RADIUS_STEPS / RADIUS_SHAPES)).round() as i32;
-                    let drawn = i32::from(drawn[octant]) * i32::from(EIGHTH);
-                    return steps * i32::from(RADIUS_SHAPES) - drawn;
+                    return steps - i32::from(drawn[octant]) * EIGHTH;
                 }
                 child => (cell, points) = (child, Some(here)),
             }
@@ -294,7 +288,7 @@ impl Growth {
 
     fn apply(self, radius: u16) -> u16 {
         let (shape, radius) = (radius % RADIUS_SHAPES, radius / RADIUS_SHAPES * RADIUS_SHAPES);
-        let grown = radius.saturating_add(u16::from(self.eighths) * EIGHTH);
+        let grown = grown_radius(radius, i32::from(self.eighths) * EIGHTH);
         let grown = grown.max(self.smallest).min(self.largest).max(radius);
         grown / RADIUS_SHAPES * RADIUS_SHAPES + shape
     }

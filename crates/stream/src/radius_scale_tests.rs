@@ -241,7 +241,11 @@ fn estimated_radii_are_as_they_were_where_the_node_is_alone() {
     let radii = field.radii_of_density(NodeId(0), &chunk, &own).unwrap();
     assert_eq!(radii[7], NO_RADIUS);
     for (radius, before) in radii.iter().zip(chunk.radii.unwrap().iter()).filter(|(radius, _)| **radius != NO_RADIUS) {
-        assert!((i32::from(*radius) - i32::from(*before)).unsigned_abs() <= u32::from(EIGHTH / 2 + 1), "{radius}");
+        assert!(
+            (i32::from(*radius) - i32::from(*before)).unsigned_abs()
+                <= (EIGHTH * i32::from(RADIUS_SHAPES) / 2 + 1).unsigned_abs(),
+            "{radius}"
+        );
     }
 }
 
