@@ -277,8 +277,8 @@ fn table<'a>(measured: impl Iterator<Item = (&'a Measurement, &'a Outcome)>, uni
         match figures {
             Ok(figures) => {
                 for figure in figures {
-                    let (value, unit) = (figure.value.to_string(), figure.unit(units).unwrap_or_default());
-                    let text = |number: Option<f64>| number.map_or(String::new(), |number| number.to_string());
+                    let (value, unit) = (cloud::number(figure.value), figure.unit(units).unwrap_or_default());
+                    let text = |number: Option<f64>| number.map_or(String::new(), cloud::number);
                     let (uncertainty, interval) = (text(figure.deviation), text(figure.interval()));
                     row([figure.name, &value, &unit, &uncertainty, "", &interval])?;
                 }

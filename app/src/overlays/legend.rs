@@ -93,9 +93,8 @@ impl Legend {
                     return None;
                 }
                 let most = MOST_TICKS.min((length / LINE) as usize);
-                let (ticks, decimals) = steps::ticks(*low, *high, most);
-                let number = |value: f64| (value, written(&format!("{value:.decimals$}"), room.x - size * 2.0));
-                let numbers = ticks.into_iter().map(number).collect();
+                let number = |(value, text): (f64, String)| (value, written(&text, room.x - size * 2.0));
+                let numbers = steps::ticks(*low, *high, most).into_iter().map(number).collect();
                 (Part::Ramp { ramp: *ramp, low: *low, high: *high, length, numbers }, length == RAMP_LENGTH)
             }
             Scale::Classes(classes) => {

@@ -28,7 +28,7 @@ impl ScaleBar {
     pub fn text(&self, units: &Units, is_parallel: bool) -> String {
         let unit = units.length().map_or(text!(" units").into(), |unit| format!(" {unit}"));
         let place = if is_parallel { "" } else { text!(" at the pivot") };
-        format!("{:.*}{unit}{place}", steps::decimals(self.length), self.length)
+        format!("{}{unit}{place}", steps::text(self.length, self.length, self.length))
     }
 }
 

@@ -145,17 +145,15 @@ fn chart(series: &[Series], units: AxisUnits, most: usize) -> (Vec<Shape>, [u32;
     let mut drawn = Vec::new();
     let line = |points: Vec<(f64, f64)>, color| Shape::Line { points, color, width: 1 };
     let words = |at: (f64, f64), text: String, anchor| Shape::Words { at, text, size: TEXT, color: INK, anchor };
-    let (ticks, decimals) = steps::ticks(along.0, along.1, 12);
-    for value in ticks {
+    for (value, text) in steps::ticks(along.0, along.1, 12) {
         drawn.push(line(vec![place(value, height.0), place(value, height.1)], GRID));
         let (x, y) = place(value, height.0);
-        drawn.push(words((x, y + 16.0), format!("{value:.decimals$}"), Anchor::Middle));
+        drawn.push(words((x, y + 16.0), text, Anchor::Middle));
     }
-    let (ticks, decimals) = steps::ticks(height.0, height.1, ((plot_height / 40.0) as usize).clamp(2, 12));
-    for value in ticks {
+    for (value, text) in steps::ticks(height.0, height.1, ((plot_height / 40.0) as usize).clamp(2, 12)) {
         drawn.push(line(vec![place(along.0, value), place(along.1, value)], GRID));
         let (x, y) = place(along.0, value);
-        drawn.push(words((x - 8.0, y), format!("{value:.decimals$}"), Anchor::End));
+        drawn.push(words((x - 8.0, y), text, Anchor::End));
     }
     let step = count.div_ceil(most).max(1);
     let mut shown = 0;

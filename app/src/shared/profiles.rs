@@ -505,9 +505,10 @@ impl Table {
                 }
             }
             let name = has_names.then(|| self.sections[*section].clone());
-            let lengths = lengths.map(|length| length.to_string());
+            let lengths = lengths.map(cloud::number);
             let interval = intervals.get(index).copied().flatten();
-            let half_widths = [0, 1].map(|axis| interval.map_or(String::new(), |interval| interval[axis].to_string()));
+            let half_widths =
+                [0, 1].map(|axis| interval.map_or(String::new(), |interval| cloud::number(interval[axis])));
             writer.write_record(name.into_iter().chain(lengths).chain(colors).chain(own).chain(half_widths))?;
         }
         Ok(String::from_utf8(writer.into_inner()?)?)

@@ -16,19 +16,44 @@ pub fn decimals(step: f64) -> usize {
     (-(step * (1.0 + 1e-9)).log10().floor()).clamp(0.0, 12.0) as usize
 }
 
-/// The multiples of a round step from `low` to `high`, at most `most` of them, and the decimals that they need; one of
-/// them alone where the two are the same.
-pub fn ticks(low: f64, high: f64, most: usize) -> (Vec<f64>, usize) {
-    let range = high - low;
-    let Some(below) = round_below(range / most.max(2) as f64) else { return (vec![low], 3) };
+/// A multiple of a step as text: with the decimals that it needs, or with an exponent where these would be too many, or
+/// `largest` too long.
+pub fn text(value: f64, step: f64, largest: f64) -> String {
+    if largest < LONGEST && step >= FINEST {
+        return format!("{value:.*}", decimals(step));
+    }
+    let digits = (largest / step * (1.0 - 1e-9)).log10().ceil().clamp(0.0, 16.0) as usize;
+    let text = format!("{value:.digits$e}");
+    match text.split_once('e') {
+        _ if value.abs() < step * 1e-6 => "0".into(),
+        Some((digits, exponent)) if digits.contains('.') => {
+            format!("{}e{exponent}", digits.trim_end_matches('0').trim_end_matches('.'))
+        }
+        _ => text,
+    }
+}
+
+/// Numbers from this one on are not written out.
+const LONGEST: f64 = 1e16;
+/// The finest step whose decimals are written out.
+const FINEST: f64 = 1e-12;
+
+/// The multiples of a round step from `low` to `high` with their texts, at most `most` of them; one of them alone where
+/// the two are the same.
+pub fn ticks(low: f64, high: f64, most: usize) -> Vec<(f64, String)> {
+    let (range, largest) = (high - low, low.abs().max(high.abs()));
+    let Some(below) = round_below(range / most.max(2) as f64) else {
+        let is_tiny = largest > 0.0 && largest < 1e-9;
+        return vec![(low, text(low, if is_tiny { largest * 1e-3 } else { 1e-3 }, largest))];
+    };
     // The next round numbers above it.
     let step = [1.0, 2.0, 2.5, 4.0, 5.0, 10.0].into_iter().map(|factor| below * factor);
     let count = |step: f64| ((high / step + 1e-9).floor() - (low / step - 1e-9).ceil()) as i64 + 1;
     let is_round = |step: &f64| round_below(*step).is_some_and(|round| (round / step - 1.0).abs() < 1e-9);
     let step = step.into_iter().filter(is_round).find(|step| count(*step) <= most as i64).unwrap_or(range);
     let first = (low / step - 1e-9).ceil();
-    let ticks = (0..count(step).clamp(0, most as i64)).map(|index| (first + index as f64) * step);
-    (ticks.collect(), decimals(step))
+    let values = (0..count(step).clamp(0, most as i64)).map(|index| (first + index as f64) * step);
+    values.map(|value| (value, text(value, step, largest))).collect()
 }
 
 #[cfg(test)]
@@ -53,12 +78,27 @@ mod tests {
     #[test]
     fn ticks_lie_in_the_range_at_equal_round_distances() {
         for (low, high) in [(0.0, 1.0), (-3.2, 17.9), (247_570.1, 247_570.9), (1e8, 1e8 + 3.0), (2.0, 255.0)] {
-            let (ticks, _) = ticks(low, high, 6);
+            let ticks: Vec<f64> = ticks(low, high, 6).into_iter().map(|(tick, _)| tick).collect();
             assert!((2..=6).contains(&ticks.len()), "{low} {high}: {ticks:?}");
             let step = ticks[1] - ticks[0];
             assert!(ticks.iter().all(|tick| (low - step * 1e-6..=high + step * 1e-6).contains(tick)), "{ticks:?}");
         }
-        assert_eq!(ticks(4.0, 4.0, 6).0, [4.0]);
-        assert_eq!(ticks(0.0, 10.0, 6), (vec![0.0, 2.0, 4.0, 6.0, 8.0, 10.0], 0));
+        assert_eq!(ticks(4.0, 4.0, 6), [(4.0, "4.000".into())]);
+        assert_eq!(
+            ticks(0.0, 10.0, 6).iter().map(|(tick, _)| *tick).collect::<Vec<_>>(),
+            [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
+        );
+    }
+
+    #[test]
+    fn ticks_far_from_one_have_exponents() {
+        let texts = |low, high| -> Vec<String> { ticks(low, high, 6).into_iter().map(|(_, text)| text).collect() };
+        assert_eq!(texts(0.0, 10.0), ["0", "2", "4", "6", "8", "10"]);
+        assert_eq!(texts(0.0, 0.5), ["0.0", "0.1", "0.2", "0.3", "0.4", "0.5"]);
+        assert_eq!(texts(1e-30, 1e30), ["0", "2e29", "4e29", "6e29", "8e29", "1e30"]);
+        assert_eq!(texts(-1e30, 1e30), ["-1e30", "-5e29", "0", "5e29", "1e30"]);
+        assert_eq!(texts(1e20, 1.01e20)[..2], ["1e20", "1.002e20"]);
+        assert_eq!(texts(1e-30, 1e-29)[..2], ["2e-30", "4e-30"]);
+        assert_eq!([texts(1e30, 1e30), texts(3e-20, 3e-20), texts(0.5, 0.5)].concat(), ["1e30", "3e-20", "0.500"]);
     }
 }

@@ -1,6 +1,8 @@
 //! One scalar attribute of every point of a chunk, in the type that the file has. A point without a value has NaN, so an
 //! attribute that some points lack has a type of floats (`ColumnType::with_none`).
 
+use std::fmt::{Display, LowerExp};
+
 /// The scalar types of columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColumnType {
@@ -193,6 +195,8 @@ impl Column {
         match self {
             Self::F32(values) if values[index].is_nan() => String::new(),
             Self::F64(values) if values[index].is_nan() => String::new(),
+            Self::F32(values) => number(values[index]),
+            Self::F64(values) => number(values[index]),
             column => each_type!(column, values => values[index].to_string()),
         }
     }
@@ -233,6 +237,14 @@ impl Column {
     }
 }
 
+/// A number in the fewest digits that say exactly it, with an exponent where it is so large or small that zeros would be
+/// most of them: `1e30`.
+pub fn number<T: Copy + Display + LowerExp + Into<f64>>(value: T) -> String {
+    let size: f64 = value.into().abs();
+    let is_long = size.is_finite() && size != 0.0 && !(1e-6..1e16).contains(&size);
+    if is_long { format!("{value:e}") } else { value.to_string() }
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -250,6 +262,17 @@ mod tests {
         use ColumnType::{F32, F64, I16, I32, U8, U64};
         assert_eq!([U8, I16, F32, I32, U64, F64].map(ColumnType::with_none), [F32, F32, F32, F64, F64, F64]);
         assert_eq!((U8.with(U8), U8.with(I16), F32.with(F64)), (U8, F64, F64));
+    }
+
+    #[test]
+    fn numbers_of_many_zeros_have_an_exponent_and_are_exact() {
+        let texts = [1e30, -2.5e16, 9e15, 1e-6, 3e-7, 0.0, f64::MAX].map(number);
+        assert_eq!(texts, ["1e30", "-2.5e16", "9000000000000000", "0.000001", "3e-7", "0", "1.7976931348623157e308"]);
+        assert_eq!(Column::F32(vec![1e30]).text(0), "1e30");
+        assert_eq!([f64::NAN, f64::NEG_INFINITY].map(number), ["NaN", "-inf"]);
+        for value in [1e30, f64::MIN_POSITIVE, 1.0 / 3.0 * 1e20, -7.0e-9] {
+            assert_eq!(number(value).parse::<f64>(), Ok(value));
+        }
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub use bounds::Bounds;
 pub use carve::{are_seen_from_stations, is_depth_image, is_seen_from};
 pub use certainty::{HalfWidths, STATED, error_along, half_widths, surface_errors};
 pub use chunk::{Chunk, Cloud, Grid};
-pub use column::{Attribute, Column, ColumnType, ValueRange};
+pub use column::{Attribute, Column, ColumnType, ValueRange, number};
 pub use mesh_points::MeshPoints;
 pub use names::{
     COMPARED, GHOST_ERROR, SURFACE_ERROR, attribute_named, attributes_named, is_length, is_numbered, standard_name,
