@@ -173,6 +173,7 @@ pub fn open(
         request.lights.extend(light.lamp());
     }
     let lights = world::shining(request.lights.clone(), has_lamp, &light, settings.light.by, camera.eye);
+    terminal::warn(world::dark_warning(settings.light.by, &lights));
     drop(all);
     let colored = clouds.iter().flat_map(|loaded| {
         let by = world::own_settings(&request.cloud_settings, loaded).and_then(CloudSettings::color_by);

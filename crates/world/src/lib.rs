@@ -44,7 +44,7 @@ pub use event::{Event, IndexEntry, IndexState, Opened, StreamStats};
 pub use filters::{Offer, check_filters, stray_warning};
 pub use input::{Input, built_in_name};
 pub use job::{Job, start, start_unseen};
-pub use light::AutoLight;
+pub use light::{AutoLight, dark_warning};
 pub use mailbox::{IndexRequest, Mailbox, StreamView};
 pub use meshes::with_mesh;
 pub use opening::{Extent, first_camera, first_outline, own_settings, shining};

@@ -110,6 +110,12 @@ impl AutoLight {
     }
 }
 
+/// Says why a scene is dark, if its lights are asked for and it has none.
+pub fn dark_warning(by: Lighting, lights: &[SpotLight]) -> Option<String> {
+    let warning = "light.by = lights: the scene has no light, so nothing is lit; add a light, or set light.by = auto";
+    (by == Lighting::Lights && lights.is_empty()).then(|| warning.into())
+}
+
 /// The number of points of a chunk whose colours are compared.
 const COMPARED: usize = 16;
 

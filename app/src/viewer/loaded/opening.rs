@@ -233,6 +233,14 @@ impl Loaded {
         }
     }
 
+    /// Says why nothing is lit, once it is known that the scene has no light.
+    pub fn tell_darkness(&mut self, beside: &mut Beside<'_>) {
+        if !self.clouds.is_empty() && !self.is_loading() && self.light_search.is_known() {
+            let dark = world::dark_warning(beside.scene.settings.light.by, &self.lights(beside.scene));
+            self.warn_once(dark.into_iter().collect(), "warnings about light", beside);
+        }
+    }
+
     /// Says what has not been said yet; `what` names the kind of these warnings.
     fn warn_once(&mut self, warnings: Vec<String>, what: &str, beside: &mut Beside<'_>) {
         let unsaid = warnings.into_iter().filter(|warning| !self.warned.contains(warning)).collect::<Vec<_>>();

@@ -521,6 +521,25 @@ mod tests {
     }
 
     #[test]
+    fn lights_without_a_light_are_said_to_be_dark_once_it_is_known() {
+        let mut session = Session::with_two_points();
+        session.scene.settings.light.by = Lighting::Lights;
+        let said = |session: &mut Session| {
+            session.step(session.outside.now, false);
+            let all = session.outside.messages.all.iter();
+            all.filter(|message| message.text.contains("the scene has no light, so nothing is lit")).count()
+        };
+        assert_eq!(said(&mut session), 0, "a room might bring a lamp");
+        answer(&mut session, Surroundings::OpenSky);
+        assert_eq!([said(&mut session), said(&mut session)], [1, 1]);
+        let mut session = Session::with_two_points();
+        session.scene.settings.light.by = Lighting::Lights;
+        let found = room(&session);
+        answer(&mut session, found);
+        assert_eq!(said(&mut session), 0, "the lamp of the room shines");
+    }
+
+    #[test]
     fn parameters_are_shown_where_they_matter() {
         let mut harness = harness();
         for (by, shown, hidden) in [

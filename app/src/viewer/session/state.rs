@@ -403,6 +403,7 @@ impl Session {
         self.with_loaded(Loaded::look_around);
         self.with_loaded(Loaded::sync_levels);
         self.with_loaded(Loaded::sync_objects);
+        self.with_loaded(Loaded::tell_darkness);
         self.with_loaded(Loaded::sync_ghosts);
         let still = self.still_frame().cloned();
         self.kept.sync(still.as_ref(), &self.loaded, &mut self.outside);
