@@ -749,6 +749,27 @@ fn empty_pixels_are_not_a_number() {
     }
 }
 
+#[test]
+fn light_that_is_missing_or_brighter_than_images_hold_is_told() {
+    let folder = Folder::new();
+    folder.write("cloud.ply", THREE_POINTS);
+    let by_lights = ["cloud.ply", "--set", "light.by=lights", "--set", "color.by=plain"];
+    let Some(outcome) = render(&folder, &by_lights) else { return };
+    assert_done(&outcome);
+    assert!(outcome.messages.contains("light.by = lights: the scene has no light"), "{outcome}");
+    for (intensity, is_cut) in [("1e9", true), ("1", false)] {
+        let lamp =
+            format!("intensity = [{intensity}, {intensity}, {intensity}]\ninner_degrees = 60\nouter_degrees = 70");
+        let place = "[[lights]]\nposition = [2500001.0, 1200001.0, 120.0]\ntarget = [2500001.0, 1200001.0, 100.0]";
+        folder.write("lit.toml", format!("clouds = ['cloud.ply']\n{place}\n{lamp}\n"));
+        let outcome =
+            render(&folder, &["lit.toml", "--set", "light.by=lights", "--aov", "direct=a.exr"]).expect("a picture");
+        assert_done(&outcome);
+        assert!(!outcome.messages.contains("has no light"), "{outcome}");
+        assert_eq!(outcome.messages.contains("--aov: direct ends at 65504"), is_cut, "{outcome}");
+    }
+}
+
 /// A box whose mirror has moved to the left wall, a ball beside it and a lamp, and a puddle: points of the floor.
 const FURNISHED: &str = "
 clouds = ['five-mirrors/sphere']

@@ -328,7 +328,7 @@ impl Recording<'_> {
             }
         }
         let bar = Bar::pictures("recording");
-        let mut is_told = false;
+        let (mut is_told, mut is_cut) = (false, false);
         for (done, frame) in frames.iter().enumerate() {
             bar.set(done as u64, frames.len() as u64);
             let (time, fps) = (self.time(*frame), self.arguments.fps);
@@ -339,6 +339,9 @@ impl Recording<'_> {
                 bar.suspend(|| picture_file::warn_of_origin(names, origin));
             }
             for (image, mut values) in self.images.iter().zip(picture.images) {
+                let cut = picture_file::cut_warning(*image, &values).filter(|_| !is_cut);
+                is_cut |= cut.is_some();
+                bar.suspend(|| terminal::warn(cut.map(|warning| format!("frame {frame}: {warning}"))));
                 let own = picture_file::origin_of(image.name(), &picture.camera);
                 own.iter().for_each(|own| picture_file::move_places(&mut values, *own - origin));
                 picture_file::write_exr(&self.folder.image(*frame, image.name()), &values, own.map(|_| origin))?;

@@ -127,6 +127,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
             Some(image) => picture_file::write_exr(path, image, origin)?,
             None => {
                 let image = renderer.read_aov_from(*aov, picture_file::origin(camera))?;
+                terminal::warn(picture_file::cut_warning(*aov, &image));
                 picture_file::write_exr(path, &image, origin)?;
             }
         }
@@ -182,6 +183,7 @@ fn at_time(
     picture_file::write_png(&arguments.output, arguments.size, &picture.rgba, Some(&adapter))?;
     picture_file::warn_of_origin(aovs.iter().map(|aov| aov.name()), picture_file::origin(&picture.camera));
     for ((aov, path), image) in images.iter().zip(&picture.images) {
+        terminal::warn(picture_file::cut_warning(*aov, image));
         picture_file::write_exr(path, image, picture_file::origin_of(aov.name(), &picture.camera))?;
     }
     Ok(recorder.status())

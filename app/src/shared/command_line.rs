@@ -144,8 +144,9 @@ pub struct RenderArguments {
     /// Also write a linear float image: depth, normal, albedo, mirror, position, direct, indirect, color, mirror_position,
     /// mirror_albedo, mirror_normal, specular_intensity, specular_power, refraction, regions, curvature, uncertain; surface_error,
     /// how far the surface may be off along the pixel's ray; reference_position, reference_color and reference_indirect are
-    /// traced on the CPU. Depth is measured along the direction of view, in world units. Positions are in world coordinates;
-    /// where float32 would round these to more than a millimetre, relative to the attribute `origin` of the file
+    /// traced on the CPU. Depth is measured along the direction of view, in world units. Light that is drawn, and not
+    /// traced, ends at 65504. Positions are in world coordinates; where float32 would round these to more than a millimetre,
+    /// relative to the attribute `origin` of the file
     #[arg(long, value_name = "NAME=FILE.exr", value_parser = OsStringValueParser::new().try_map(parse_image))]
     pub aov: Vec<(String, PathBuf)>,
     /// Write times, counts and memory as JSON

@@ -13,7 +13,7 @@ use glam::DVec3;
 use image::ImageEncoder as _;
 use image::codecs::png::PngEncoder;
 use record::Adapter;
-use render::Gpu;
+use render::{Aov, AovImage, Gpu};
 use scene::Camera;
 
 use crate::system::terminal;
@@ -77,7 +77,7 @@ pub fn origin_of(name: &str, camera: &Camera) -> Option<DVec3> {
 }
 
 /// Moves the positions of a float image.
-pub fn move_places(image: &mut render::AovImage, by: DVec3) {
+pub fn move_places(image: &mut AovImage, by: DVec3) {
     for place in image.data.chunks_exact_mut(image.channels.len().max(3)).filter(|_| by != DVec3::ZERO) {
         (0..3).for_each(|axis| place[axis] = (f64::from(place[axis]) + by[axis]) as f32);
     }
@@ -94,12 +94,24 @@ pub fn warn_of_origin<'a>(mut names: impl Iterator<Item = &'a str>, origin: DVec
     }
 }
 
+/// Warns of light in an image that the renderer made, where it may have been more than the renderer can hold.
+pub fn cut_warning(aov: Aov, image: &AovImage) -> Option<String> {
+    let largest = aov.largest()?;
+    let is_cut = |pixel: &&[f32]| pixel.iter().any(|value| *value >= largest);
+    let pixels = image.data.chunks(image.channels.len()).filter(is_cut).count();
+    let name = aov.name();
+    (pixels > 0).then(|| format!(
+        "--aov: {name} ends at {largest}, and {pixels} of its pixels have that; make the lights weaker to see how bright \
+         they are"
+    ))
+}
+
 /// Writes 32-bit float scan lines, ZIP-compressed. NaN and values above 1 stay as they are. The file names the origin of
 /// an image of positions in its attribute `origin`.
 ///
 /// # Errors
 /// If the file cannot be written; the error names it.
-pub fn write_exr(path: &Path, picture: &render::AovImage, origin: Option<DVec3>) -> anyhow::Result<()> {
+pub fn write_exr(path: &Path, picture: &AovImage, origin: Option<DVec3>) -> anyhow::Result<()> {
     let count = picture.channels.len();
     let channels = picture.channels.iter().enumerate().map(|(index, name)| {
         let samples = picture.data.iter().skip(index).step_by(count).copied().collect();
@@ -301,7 +313,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("position.exr");
         let data = vec![1.0, -2.5, 1e30, f32::NAN, f32::NAN, f32::NAN, 635_619.1, 0.1, -0.0, 4.0, 5.0, 6.0];
-        let picture = render::AovImage { size: [2, 2], channels: &["R", "G", "B"], data };
+        let picture = AovImage { size: [2, 2], channels: &["R", "G", "B"], data };
         let origin = DVec3::new(635_619.0, -4_100_000.5, 0.0);
         write_exr(&path, &picture, Some(origin)).unwrap();
         let back = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();

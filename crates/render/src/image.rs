@@ -91,6 +91,11 @@ impl Aov {
         matches!(self, MirrorPosition | MirrorAlbedo | MirrorNormal | Curvature | Regions | Uncertain)
     }
 
+    /// The largest value that the renderer's own image holds, if it is of 16-bit floats and values may be larger.
+    pub fn largest(self) -> Option<f32> {
+        matches!(self, Self::Color | Self::Direct | Self::Indirect).then_some(65504.0)
+    }
+
     /// The channel names of OpenEXR.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
