@@ -749,6 +749,43 @@ fn empty_pixels_are_not_a_number() {
     }
 }
 
+/// A floor and a wall in squares of two colours, and a mirror ball before them, times a size.
+fn room_with_ball(folder: &Folder, size: f64) -> String {
+    let square = |a: i32, b: i32| if (a / 15 + b / 15) % 2 == 0 { "230 40 30" } else { "40 60 210" };
+    let points = (0..120).flat_map(|i| (0..120).map(move |j| (i, j))).flat_map(|(i, j)| {
+        let [a, b] = [i, j].map(|index| f64::from(index) / 30.0 * size);
+        [format!("{a:e} {b:e} 0 {}\n", square(i, j)), format!("{a:e} {:e} {b:e} {}\n", 4.0 * size, square(i, j + 15))]
+    });
+    let header = "ply\nformat ascii 1.0\nelement vertex 28800\nproperty double x\nproperty double y\nproperty double z\n\
+                  property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
+    folder.write(&format!("{size:e}.ply"), header.to_owned() + &points.collect::<String>());
+    let place = |place: [f64; 3]| format!("{:?}", place.map(|length| length * size));
+    let (eye, pivot, ball) = (place([1.0, -1.0, 3.0]), place([2.0, 3.0, 1.0]), place([2.0, 2.5, 1.0]));
+    let scene = format!(
+        "clouds = ['{size:e}.ply']\n[camera]\neye = {eye}\npivot = {pivot}\nup = [0.0, 0.0, 1.0]\n[[mirrors]]\n\
+         shape = 'sphere'\nposition = {ball}\nsize = {:?}\n",
+        0.8 * size
+    );
+    let name = format!("{size:e}.toml");
+    folder.write(&name, scene);
+    name
+}
+
+#[test]
+fn a_scene_of_a_millionth_of_the_size_looks_the_same() {
+    let folder = Folder::new();
+    let mut pictures = Vec::new();
+    for size in [1.0, 1e-6] {
+        let Some(outcome) = render(&folder, &[&room_with_ball(&folder, size)]) else { return };
+        assert_done(&outcome);
+        pictures.push(image::open(folder.path("picture.png")).expect("the picture").into_rgb8());
+    }
+    let pixels = pictures[0].pixels().zip(pictures[1].pixels());
+    let differing = pixels.filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 16)).count();
+    // So small, radii are off by up to a tenth, which shows where squares meet.
+    assert!(differing * 20 < WIDTH * HEIGHT, "{differing} pixels differ");
+}
+
 #[test]
 fn light_that_is_missing_or_brighter_than_images_hold_is_told() {
     let folder = Folder::new();
