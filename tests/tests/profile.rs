@@ -156,35 +156,6 @@ fn a_profile_is_drawn_and_its_points_are_written_as_files() {
 }
 
 #[test]
-fn a_chart_has_the_colours_that_the_whole_file_allows() {
-    let folder = Folder::new();
-    let file = |class: fn(i32) -> i32| {
-        let header = "ply\nformat ascii 1.0\nelement vertex 900\nproperty float x\nproperty float y\nproperty float z\n\
-                      property uchar classification\nproperty float heat\nend_header\n";
-        let line = |i: i32, j: i32| format!("{i} {j} {} {} {}\n", i % 3, class(j), 10 * class(j));
-        header.to_owned() + &(0..30).flat_map(|i| (0..30).map(move |j| line(i, j))).collect::<String>()
-    };
-    folder.write("two.ply", file(|j| if j < 20 { 2 } else { 6 }));
-    folder.write("one.ply", file(|_| 2));
-    let drawn = |name: &str, set: &[&str]| {
-        let line = ["profile", name, "--line", "0,5,0:29,5,0", "--width", "2.5", "-o", "chart.svg"];
-        let outcome = folder.glint(line.iter().chain(set));
-        assert_eq!(outcome.status, Some(0), "{outcome}");
-        (std::fs::read_to_string(folder.path("chart.svg")).expect("the chart"), outcome.messages)
-    };
-    let ground = "#A17A4B";
-    // All points of the section are ground, but not all of the file.
-    let by_class = ["--set", "color.by=class"];
-    let (chart, messages) = drawn("two.ply", &by_class);
-    assert!(chart.contains(ground) && !messages.contains("everywhere"), "{messages}");
-    let (chart, messages) = drawn("one.ply", &by_class);
-    assert!(!chart.contains(ground) && messages.contains("classification is 2 everywhere"), "{messages}");
-    let by_heat = ["--set", "color.by=attribute", "--set", "color.attribute=heat"];
-    assert!(!drawn("two.ply", &by_heat).1.contains("everywhere"));
-    assert!(drawn("one.ply", &by_heat).1.contains("heat is 20 everywhere"));
-}
-
-#[test]
 fn several_sections_make_one_table_one_chart_and_one_file() {
     let folder = Folder::new();
     folder.write("slope.ply", slope());

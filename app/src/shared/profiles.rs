@@ -1,12 +1,11 @@
 //! The points of sections as a table, a chart or a file of points. Files are read once, chunk by chunk, and only the
 //! points of the sections are kept, so a file may be larger than memory.
 
-use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
-use cloud::{Chunk, Cloud, PointTest, Progress, Scalar, Volume};
+use cloud::{Chunk, Cloud, PointTest, Progress, Volume};
 use codec::{ExportFormat, Exported, Info, Selection, Source, Unit, Units, Wanted};
 use glam::DVec3;
 use measure::{Placed, PointTree, Section};
@@ -44,49 +43,10 @@ struct Piece {
     intervals: Vec<Option<Intervals>>,
 }
 
-/// Points of a file that show what all of its points have in common: of each number that colours can go by, one with the
-/// least value, one with the largest, and one without a value.
-#[derive(Default)]
-struct Extremes(Vec<[Option<(f64, Chunk)>; 3]>);
-
-impl Extremes {
-    fn of(chunk: &Chunk) -> Self {
-        let scalars = (0..3).map(Scalar::Axis).chain((0..chunk.columns.len()).map(Scalar::Column));
-        let extremes = |scalar: Scalar| {
-            let count = if scalar.is_in(chunk) { chunk.len() } else { 0 };
-            let values = || (0..count).map(|index| (scalar.value(chunk, index), index as u32));
-            let numbers = || values().filter(|(value, _)| !value.is_nan());
-            let (least, largest) = (numbers().min_by(by_value), numbers().max_by(by_value));
-            let none = values().find(|(value, _)| value.is_nan());
-            [least, largest, none].map(|found| found.map(|(value, index)| (value, chunk.select(&[index]))))
-        };
-        Self(scalars.map(extremes).collect())
-    }
-
-    fn add(&mut self, other: Self) {
-        self.0.resize(self.0.len().max(other.0.len()), Default::default());
-        for (known, new) in self.0.iter_mut().zip(other.0) {
-            let [least, largest, none] = new;
-            known[0] = known[0].take().into_iter().chain(least).min_by(by_value);
-            known[1] = known[1].take().into_iter().chain(largest).max_by(by_value);
-            known[2] = known[2].take().or(none);
-        }
-    }
-
-    fn chunks(&self) -> impl Iterator<Item = Chunk> {
-        self.0.iter().flatten().flatten().map(|(_, chunk)| chunk.clone())
-    }
-}
-
-fn by_value<T>((a, _): &(f64, T), (b, _): &(f64, T)) -> Ordering {
-    a.total_cmp(b)
-}
-
 /// What is kept of a file.
 struct Part {
     cloud: Cloud,
     pieces: Vec<Piece>,
-    extremes: Extremes,
     /// The columns of its attributes in the table, but for those that every table has.
     columns: Vec<Option<usize>>,
     up: DVec3,
@@ -195,11 +155,6 @@ pub fn write(
 }
 
 impl Asked<'_> {
-    /// Whether the points that are kept get colours.
-    fn is_for_chart(&self) -> bool {
-        self.keeps_points && !self.has_intervals
-    }
-
     /// The names of the sections, in their order.
     fn names(&self) -> Vec<String> {
         let name = |profile: &Profile| if profile.name.is_empty() { "profile".into() } else { profile.name.clone() };
@@ -250,12 +205,7 @@ pub fn read(
     let cloud = Cloud { name, attributes, grid: info.grid, chunks: Vec::new() };
     let (shown_ones, wanted) = (cloud.test(asked.test), Wanted { test: asked.test, left_out });
     let found = Mutex::new((Vec::new(), vec![Extent::NONE; sections.len()]));
-    let extremes = Mutex::new(Extremes::default());
     let keep = |chunk: Chunk| {
-        if asked.is_for_chart() {
-            let own = Extremes::of(&chunk);
-            extremes.lock().unwrap_or_else(PoisonError::into_inner).add(own);
-        }
         let left_out = wanted.left_out(0, chunk.first_point, chunk.len());
         let shows = |index: usize| shown_ones.shows(&chunk, index) && !left_out.has(index);
         for (number, section) in sections.iter().enumerate() {
@@ -282,8 +232,7 @@ pub fn read(
         table.has_wide_colors |= source.has_wide_colors() && !pieces.is_empty();
         warnings.extend(find_intervals(source, left_out, asked, (&cloud, &sections), &mut pieces)?);
     }
-    let extremes = extremes.into_inner().unwrap_or_else(PoisonError::into_inner);
-    table.add(cloud, (pieces, extremes), (world::up_of(info, asked.settings), info.units));
+    table.add(cloud, pieces, (world::up_of(info, asked.settings), info.units));
     table.extents.iter_mut().zip(extents).for_each(|(known, own)| known.add(own));
     Ok((warnings, info.missing.saturating_add(summary.missing)))
 }
@@ -434,7 +383,7 @@ impl Table {
         self.parts.first().map_or([None; 2], |part| axis_units(&self.units(), part.up))
     }
 
-    fn add(&mut self, cloud: Cloud, (pieces, extremes): (Vec<Piece>, Extremes), (up, units): (DVec3, Units)) {
+    fn add(&mut self, cloud: Cloud, pieces: Vec<Piece>, (up, units): (DVec3, Units)) {
         let mut columns = Vec::new();
         for attribute in &cloud.attributes {
             let known = self.attributes.iter().position(|known| *known == attribute.name);
@@ -444,22 +393,20 @@ impl Table {
                 self.attributes.push(attribute.name.clone());
             }
         }
-        self.parts.push(Part { cloud, pieces, extremes, columns, up, units });
+        self.parts.push(Part { cloud, pieces, columns, up, units });
     }
 
     /// Writes the chart of the points. Those of the first section have the colours that the settings, or the file's own,
-    /// ask for, whose ramps go over its points in all sections; the others lie behind it, each in a colour of its own. As in
-    /// pictures, the whole file decides whether it has what they ask for.
+    /// ask for, whose ramps go over its points in all sections; the others lie behind it, each in a colour of its own.
     pub fn draw(&self, settings: &Settings, own: &[CloudSettings], output: &Path) -> anyhow::Result<()> {
         let mut dots: Vec<Vec<Dot>> = vec![Vec::new(); self.sections.len()];
-        for Part { cloud, pieces, extremes, up, .. } in &self.parts {
-            let chunks: Vec<Chunk> = pieces.iter().map(|piece| piece.chunk.clone()).collect();
-            let whole = Cloud { chunks: chunks.iter().cloned().chain(extremes.chunks()).collect(), ..cloud.clone() };
-            let cut = Cloud { chunks, ..cloud.clone() };
+        for Part { cloud, pieces, up, .. } in &self.parts {
+            let chunks = pieces.iter().map(|piece| piece.chunk.clone()).collect();
+            let whole = Cloud { attributes: cloud.attributes.clone(), chunks, ..cloud.clone() };
             let name = Path::new(&cloud.name).file_name().map_or(String::new(), |name| shown(Path::new(name)));
             let own = own.iter().find(|own| own.is_of(&cloud.name, &name));
             let color = own.map_or_else(|| settings.color.clone(), |own| own.color_of(&settings.color));
-            let (plan, warning) = ColorPlan::of_shown(&whole, &cut, &color, *up);
+            let (plan, warning) = ColorPlan::new(&whole, &color, *up);
             terminal::warn(warning.filter(|_| !pieces.is_empty()));
             for Piece { section, chunk, places, .. } in pieces {
                 let dot =

@@ -25,8 +25,7 @@ pub enum Scalar {
 }
 
 impl Scalar {
-    /// Whether the points of a chunk have it.
-    pub fn is_in(self, chunk: &Chunk) -> bool {
+    fn is_in(self, chunk: &Chunk) -> bool {
         match self {
             Self::Column(column) => chunk.columns.get(column).is_some_and(Option::is_some),
             Self::Axis(axis) => axis < 3,
@@ -34,7 +33,7 @@ impl Scalar {
     }
 
     /// The value of a point; NaN if it has none.
-    pub fn value(self, chunk: &Chunk, index: usize) -> f64 {
+    fn value(self, chunk: &Chunk, index: usize) -> f64 {
         match self {
             Self::Column(column) => {
                 chunk.columns.get(column).and_then(Option::as_ref).map_or(f64::NAN, |column| column.value(index))
