@@ -132,7 +132,8 @@ impl Session {
         self.preferences.remember_settings(&self.scene.own_settings());
         self.scene.clear(self.preferences.settings().0);
         let Tools { light_panel_is_open, clicked, .. } = std::mem::take(&mut self.tools);
-        self.tools = Tools { light_panel_is_open, clicked: clicked.alone(), ..Tools::default() };
+        self.tools = Tools { light_panel_is_open, clicked, ..Tools::default() };
+        self.tools.clicked.drop_waiting();
         self.document.forget();
         let is_file = restored.is_some() || !request.scene_files.is_empty();
         if restored.is_some() {
@@ -154,6 +155,7 @@ impl Session {
         self.document.closed(&input, &self.loaded);
         if self.loaded.clouds.is_empty() {
             self.leave_first_look();
+            self.tools.clicked.drop_waiting();
         }
         if self.loaded.is_empty() {
             self.scene.take_own_settings();
@@ -511,7 +513,6 @@ impl Session {
                 self.outside.log(json!({ "event": "lost", "text": problem }));
                 self.fatal = Some(problem);
                 self.tools.clicked.give_up();
-                self.carry_out_due();
             }
         }
     }

@@ -370,11 +370,18 @@ fn what_is_added_right_after_a_click_goes_to_the_point_that_was_clicked() {
     assert_eq!(mirrors(&session), [1, 0, 0]);
     session.act(Action::Undo);
     assert_eq!(mirrors(&session), [1, 0]);
-    // Where nothing can be drawn any more, no answer comes.
+    // What acts on it waits with it, and does not act on what was selected before.
+    click(&mut session);
+    session.act(Action::AddMirror(Shape::Sphere));
+    session.act(Action::Delete);
+    answer(&mut session, Some(1));
+    assert_eq!(mirrors(&session), [1, 0]);
+    // Where nothing can be drawn any more, no answer comes, and nothing is added elsewhere.
     click(&mut session);
     session.act(Action::AddMirror(Shape::Sphere));
     session.on_report(Report::Lost("gone".into()));
-    assert_eq!(mirrors(&session), [1, 0, 1]);
+    assert!(!session.tools.clicked.is_waited_for());
+    assert_eq!(mirrors(&session), [1, 0]);
 }
 
 #[test]

@@ -197,7 +197,10 @@ impl Scene {
         let path = |input: &String| if input.starts_with('-') { format!("./{input}") } else { input.clone() };
         let inputs: Vec<String> = file.clouds.iter().map(|input| quoted(&path(input))).collect();
         let mut line = format!("glint render {} -o glint.png --size {width}x{height}", inputs.join(" "));
-        for (key, text) in self.written_settings(loaded).differing() {
+        let mut settings = self.written_settings(loaded);
+        // The window shows them always.
+        settings.overlay.labels |= self.marks().any(|mark| mark.is_on());
+        for (key, text) in settings.differing() {
             line += &format!(" --set {}", quoted(&format!("{key}={text}")));
         }
         let mut view = SceneFile { clouds: Vec::new(), ..file };

@@ -21,24 +21,29 @@ impl Clicked {
         self.answered += 1;
     }
 
-    /// Notes that no answers come any more.
+    /// Drops what waits: no answers come any more.
     pub fn give_up(&mut self) {
         self.answered = self.asked;
+        self.drop_waiting();
     }
 
-    /// The same clicks, for which nothing waits.
-    pub fn alone(self) -> Self {
-        Self { waiting: Vec::new(), ..self }
+    /// Drops what waits: it was meant for a scene that is gone.
+    pub fn drop_waiting(&mut self) {
+        self.waiting.clear();
     }
 
     pub fn is_waited_for(&self) -> bool {
         !self.waiting.is_empty()
     }
 
-    /// Keeps what goes to a point that is still looked up, and takes the last of it back with undo. Returns any other
-    /// action.
+    /// Keeps what goes to a point that is still looked up, and what adds to it or acts on it after that; undo takes the
+    /// last of it back. Returns any other action.
     pub fn keep(&mut self, action: Action) -> Option<Action> {
         match action {
+            Action::AddSpot | Action::Delete | Action::Duplicate if self.is_waited_for() => {
+                self.waiting.push((self.asked, action));
+                None
+            }
             Action::AddMirror(_) | Action::Clip(Clipping::AroundPick) if self.answered < self.asked => {
                 self.waiting.push((self.asked, action));
                 None
