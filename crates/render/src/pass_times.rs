@@ -13,10 +13,19 @@ pub struct PassTime {
 }
 
 impl PassTime {
-    /// Whether the pass draws shadow maps that stand until what they show changes: those of lamps, or those of virtual
-    /// lights, if there are any, which are placed by passes of their own.
-    pub fn draws_shadow_maps(&self, has_virtual_lights: bool) -> bool {
-        self.name == "shadow_maps" || has_virtual_lights && self.name.starts_with("vpl_")
+    /// Whether the pass draws the shadow maps of lamps, which stand until what they show changes.
+    pub fn is_of_lamps(&self) -> bool {
+        self.name == "shadow_maps"
+    }
+
+    /// Whether the pass places virtual lights or draws their shadow maps, which stand as long.
+    pub fn is_of_virtual_lights(&self) -> bool {
+        self.name.starts_with("vpl_")
+    }
+
+    /// Whether it is one of either.
+    pub fn is_of_shadow_maps(&self) -> bool {
+        self.is_of_lamps() || self.is_of_virtual_lights()
     }
 }
 

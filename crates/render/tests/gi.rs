@@ -398,11 +398,11 @@ fn a_frame_that_forgets_all_but_shadow_maps_draws_all_but_those_and_the_same_pic
     let (whole, picture) = draw(&traced, false);
     let (mapped, _) = draw(&mapped, true);
     let draws = |name| mapped.iter().any(|pass| pass.name == name);
-    assert!(draws("environment_map") && mapped.iter().all(|pass| !pass.draws_shadow_maps(true)), "{mapped:?}");
+    assert!(draws("environment_map") && mapped.iter().all(|pass| !pass.is_of_shadow_maps()), "{mapped:?}");
     for _ in 0..2 {
         let (passes, again) = draw(&traced, true);
         let drawn: Vec<&str> = passes.iter().map(|pass| pass.name).collect();
-        let others = whole.iter().filter(|pass| !pass.draws_shadow_maps(true));
+        let others = whole.iter().filter(|pass| !pass.is_of_shadow_maps());
         assert_eq!(drawn, others.map(|pass| pass.name).collect::<Vec<_>>());
         assert!(passes.len() < whole.len() && again == picture);
     }

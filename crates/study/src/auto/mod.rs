@@ -3,7 +3,7 @@
 //!
 //! 1. It draws the picture with the settings as they are, and the still picture, against which errors count.
 //! 2. It changes one setting at a time and draws a small picture. The error of each change is known then, and the cost
-//!    model learns its time. Methods that are known to take longer than the exact one are left out.
+//!    model learns its time. Methods whose passes are known to take 1.5 times those of the exact one are left out.
 //! 3. Of all combinations it predicts time and error: the time by the cost model, the error by the changes' squares,
 //!    which add up where errors are independent, those of mirrors' colours and of the rest's apart: the worse of the two
 //!    counts. It draws the most promising combination, learns from it, and goes on until the most promising one is
@@ -144,9 +144,10 @@ pub struct Explored {
     passes: Vec<PassTime>,
     kind: Kind,
     still_settings: Settings,
-    /// Whether the still picture's settings may be chosen: they have another method than the view's own where that is not
-    /// fixed, and no mirror has one of its own.
-    still_is_choice: bool,
+    /// The still picture's settings as they may be chosen: they leave alone the methods that mirrors have of their own.
+    /// `None` where they may not be: where a resolution below 1 or another method is fixed, or mirrors that are seen have
+    /// other methods, so that it would not be the still picture.
+    still_choice: Option<Settings>,
     /// The changes that may be made.
     changes: Vec<Change>,
     /// The squares of the errors of the base, and the changes with their errors and times, as views before had them;
@@ -223,16 +224,18 @@ impl Explored {
         let still_settings = still_of(&base, fixed);
         let kind = Kind::new(work.mirrors > 0.0, fixed);
         let is_fixed = fixed.iter().any(|key| key == METHOD);
+        let mut choice = still_settings.clone();
+        choice.reflection.own_methods = base.reflection.own_methods;
         let has_method = |method| stats.methods.iter().all(|own| *own == method);
         let exact = still_settings.reflection.method;
         let expected = expected(&search, (&base, &work, &kind), &changes, (exact, small(size)));
         let Search { local, frames, .. } = search;
         Ok(Self {
             settings: settings.clone(),
-            // A resolution that is fixed makes the still picture of full resolution none that may be chosen.
-            still_is_choice: drawn_size(size, &still_settings) == size
-                && has_method(base.reflection.method)
-                && (!is_fixed || has_method(exact)),
+            still_choice: Some(choice).filter(|_| {
+                let has_methods = has_method(base.reflection.method) && (!is_fixed || has_method(exact));
+                drawn_size(size, &still_settings) == size && has_methods
+            }),
             still_settings,
             base,
             camera: *camera,
@@ -302,8 +305,8 @@ impl Explored {
         };
         search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&error), &changes);
         let mut drawn = vec![Drawn { settings: self.base.clone(), milliseconds: self.milliseconds, error }];
-        if let Some(milliseconds) = milliseconds.filter(|_| self.still_is_choice) {
-            drawn.push(Drawn { settings: self.still_settings.clone(), milliseconds, error: still.none() });
+        if let (Some(milliseconds), Some(settings)) = (milliseconds, self.still_choice.clone()) {
+            drawn.push(Drawn { settings, milliseconds, error: still.none() });
         }
         (self.local, self.frames) = (search.local, search.frames);
         self.seconds += start.elapsed().as_secs_f64();
@@ -412,10 +415,10 @@ impl Explored {
         tried: &mut Vec<Tried>,
         search: &mut Search<'_, '_, '_>,
     ) -> anyhow::Result<()> {
-        let settings = &self.still_settings;
+        let Some(settings) = &self.still_choice else { return Ok(()) };
         let milliseconds = search.local.costs().predict(&self.work.with(&self.base, settings), settings);
         let is_slow = matches!((target, milliseconds), (Target::Milliseconds(most), Some(own)) if own > most);
-        if self.still_is_choice && !is_slow && tried.iter().all(|tried| tried.settings != *settings) {
+        if !is_slow && tried.iter().all(|tried| tried.settings != *settings) {
             let times = (f64::INFINITY, f64::INFINITY);
             let drawn = search.drawn(settings, &judged.still, self.size, times)?;
             tried.push(Tried::of(target, &drawn));

@@ -6,6 +6,7 @@ use scene::{Camera, Method, Settings};
 use super::Hands;
 use super::changes::{Change, Squares, squares_of};
 use crate::cost::{CostModel, Costs, Workload};
+use crate::results::stage_ms;
 use crate::still::{Still, StillError, drawn_size};
 
 /// A setting that was drawn.
@@ -41,10 +42,16 @@ fn telling(times: &[f64], expected: f64) -> Option<usize> {
 /// Methods whose passes are known to take so many times what those of an exact one take are not tried.
 const SLOW: f64 = 1.5;
 
-/// The milliseconds of the passes that find reflections.
-fn of_method(stats: &FrameStats) -> f64 {
-    let passes = stats.passes.iter().filter(|pass| pass.stage == PassStage::Method);
-    passes.map(|pass| pass.milliseconds).sum()
+/// Adds to the passes of a frame those of `base` that drew the shadow maps with which the frame was drawn: those of lamps,
+/// or of virtual lights, if it drew none of its own. A frame without virtual lights has no maps of them.
+fn add_standing_maps(passes: &mut Vec<PassTime>, base: &[PassTime], has_virtual_lights: bool) {
+    for (is_of_kind, has_kind) in
+        [(PassTime::is_of_lamps as fn(&PassTime) -> bool, true), (PassTime::is_of_virtual_lights, has_virtual_lights)]
+    {
+        if has_kind && !passes.iter().any(is_of_kind) {
+            passes.extend(base.iter().filter(|pass| is_of_kind(pass)).cloned());
+        }
+    }
 }
 
 /// The still picture in the size in which changes are tried, and what is known of the picture before any change.
@@ -148,14 +155,14 @@ impl Search<'_, '_, '_> {
         still: &Still,
         size: [u32; 2],
     ) -> anyhow::Result<(StillError, Vec<PassTime>)> {
-        let passes = self.timed(base, size, (f64::INFINITY, f64::INFINITY))?.passes;
+        let passes = self.timed(base, size, (0.0, f64::INFINITY))?.passes;
         let error = still.error(self.hands.renderer, self.camera, base, drawn_size(size, base))?;
         Ok((error, passes))
     }
 
-    /// Draws a picture of a change, and returns its error. Shadow maps are those of the frame before where they are the
-    /// same; in what the cost models learn they take what they took in the picture without the change. Of a method the
-    /// time of its passes is measured, with `times` as for [`Self::timed`]; other changes are timed with the rest.
+    /// Draws a picture of a change, and returns its error. It is drawn with the shadow maps of the frame before where they
+    /// are the same; the cost models learn that these took what they took without the change. Of a method the time of its
+    /// passes is measured, with `times` as for [`Self::timed`]; other changes are timed with the rest.
     fn tried(
         &mut self,
         change: &Change,
@@ -166,36 +173,32 @@ impl Search<'_, '_, '_> {
         let (size, is_of_method) = (drawn_size(trial.size, settings), change.is_of_method());
         let mut has_own_maps = false;
         let draw = |search: &mut Self| {
-            // A method's shadow maps are those without the change. Others that stand would have no known time.
+            // After a frame for which shaders were compiled, the maps that it drew are drawn again to be timed. Those of a
+            // method are the same as without the change, whose time is known.
             if has_own_maps {
                 return search.frame(settings, size);
             }
             search.frames += 1;
             search.hands.renderer.forget_all_but_shadow_maps();
             let stats = (search.hands.draw)(search.hands.renderer, settings, size)?;
-            has_own_maps = !is_of_method && stats.passes.iter().any(|pass| pass.draws_shadow_maps(true));
+            has_own_maps = !is_of_method && stats.passes.iter().any(PassTime::is_of_shadow_maps);
             Ok(stats)
         };
         let mut stats = match is_of_method {
-            true => self.told(draw, of_method, times)?,
+            true => self.told(draw, |stats| stage_ms(&stats.passes, PassStage::Method), times)?,
             false => self.told(draw, |_| 0.0, (0.0, f64::INFINITY))?,
         };
-        let stands = |pass: &&PassTime| {
-            let is_drawn = stats.passes.iter().any(|drawn| drawn.name == pass.name);
-            pass.draws_shadow_maps(stats.virtual_lights > 0) && !is_drawn
-        };
-        let standing: Vec<PassTime> = trial.passes.iter().filter(stands).cloned().collect();
-        stats.passes.extend(standing);
+        add_standing_maps(&mut stats.passes, &trial.passes, stats.virtual_lights > 0);
         self.learn(&stats, settings, size);
         Ok(trial.still.error(self.hands.renderer, self.camera, settings, size)?)
     }
 
     /// Draws a small picture for each change, and returns what the changes add to the squares of the errors. What needs no
     /// other shadow maps is drawn with those of the frame before. A method that takes no longer than its known time is
-    /// drawn once. Methods that are known to take longer than `exact`, which makes no error, are left out.
+    /// drawn once. Methods that are [`slow`] beside `exact`, which makes no error, are left out.
     pub fn measured(&mut self, trial: &Trial<'_>, changes: &[Change], exact: Method) -> anyhow::Result<Vec<Change>> {
         let Trial { base, work, squares: of_base, .. } = trial;
-        let small = work.of_pixels(trial.size.map(f64::from).iter().product(), base);
+        let small = small_work(base, work, trial.size);
         let mut traced = (*base).clone();
         traced.reflection.method = exact;
         let mut measured = Vec::new();
@@ -224,7 +227,12 @@ impl Search<'_, '_, '_> {
     }
 }
 
-/// Whether a change is to a method whose passes are known to take longer than those of `exact`, in the whole picture and
+/// What a frame of a picture of `size` does with `base`, of which `work` is what one of the whole picture does.
+fn small_work(base: &Settings, work: &Workload, size: [u32; 2]) -> Workload {
+    work.of_pixels(drawn_size(size, base).map(f64::from).iter().product(), base)
+}
+
+/// Whether a change is to a method whose passes are known to take [`SLOW`] times those of `exact`, in the whole picture and
 /// in one of `size`: in small pictures, in which methods are tried, times are known best.
 pub fn slow<'a>(
     costs: &'a Costs,
@@ -232,7 +240,7 @@ pub fn slow<'a>(
     exact: Method,
     size: [u32; 2],
 ) -> impl Fn(&Change) -> bool + 'a {
-    let small = work.of_pixels(size.map(f64::from).iter().product::<f64>(), base);
+    let small = small_work(base, work, size);
     let mut traced = base.clone();
     traced.reflection.method = exact;
     let is_longer = move |settings: &Settings, work: &Workload| {
@@ -255,6 +263,29 @@ pub fn is_no_choice(error: &anyhow::Error) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn maps_that_stand_take_what_they_took_and_others_nothing() {
+        let pass = |(name, milliseconds): &(&'static str, f64)| PassTime {
+            name,
+            stage: PassStage::Light,
+            milliseconds: *milliseconds,
+        };
+        let base: Vec<PassTime> =
+            [("shadow_maps", 40.0), ("vpl_bounce", 5.0), ("vpl_shadow_splat", 60.0), ("indirect", 9.0)]
+                .iter()
+                .map(pass)
+                .collect();
+        let sum = |drawn: &[(&'static str, f64)], has_virtual_lights: bool| {
+            let mut passes: Vec<PassTime> = drawn.iter().map(pass).collect();
+            add_standing_maps(&mut passes, &base, has_virtual_lights);
+            passes.iter().map(|pass| pass.milliseconds).sum::<f64>()
+        };
+        assert_eq!(sum(&[("indirect", 9.0)], true), 114.0, "all maps stand");
+        assert_eq!(sum(&[("shade", 1.0)], false), 41.0, "without virtual lights");
+        assert_eq!(sum(&[("vpl_shadow_splat", 30.0), ("indirect", 9.0)], true), 79.0, "fewer lights of one bounce");
+        assert_eq!(sum(&[("shadow_maps", 20.0), ("vpl_shadow_splat", 30.0)], true), 50.0, "all maps are drawn");
+    }
 
     #[test]
     fn no_single_frame_tells_a_time_unless_it_is_as_quick_as_expected() {
