@@ -67,5 +67,5 @@ fn pixels_off(slot: u32, middle: vec3f, ray: MirrorRay, step: f32, depth: f32) -
     let place = disc_toward(slot, middle, ray.direction).place;
     let turned = asin(min(beside / max(distance(place, ray.origin), 1e-30), 1.0));
     // Where rays are parallel, pixels are as wide as on the mirror.
-    return select(beside * pixels_per_unit(frame, depth), turned / step, step > 0.0);
+    return select(beside * pixels_per_unit(frame, depth), turned / step, step > STEADY);
 }

@@ -30,8 +30,6 @@ override is_further: bool = false;
 const CLOSED: f32 = 1.0;
 // The position found is more than a pixel beside the reflected ray.
 const OFF_ITS_RAY: f32 = 2.0;
-// A thousandth of a degree: rounding turns directions by less.
-const STEADY: f32 = 1.75e-5;
 // The neighbours of the pixel show other surfaces: one of them hides the other, or is missing.
 const ALONE: f32 = 3.0;
 // Found, but something may stand before it; or nothing was found, and nothing is known.
@@ -101,9 +99,8 @@ fn is_off(id: vec2u, point: vec3f, seen: vec3f) -> bool {
     let direction = reflected(id);
     let step = direction_step(id, direction);
     let offset = seen - point;
-    // A pixel without neighbours cannot be compared; one on the mirror point itself has no direction. A plane mirror in
-    // parallel projection changes its directions by rounding alone.
-    return dot(offset, offset) == 0.0 || (step > 0.0 && angle(normalize(offset), direction) > max(step, STEADY));
+    // A pixel without neighbours cannot be compared; one on the mirror point itself has no direction.
+    return dot(offset, offset) == 0.0 || (step >= 0.0 && angle(normalize(offset), direction) > max(step, STEADY));
 }
 
 // Whether less than a third of the neighbours that found something are on the same surface.

@@ -179,8 +179,9 @@ impl PixelError {
     }
 }
 
-/// The angle in degrees up to which reflected directions are the same: rounding of positions turns them by less, and
-/// from pixel to pixel a picture of 1000 pixels changes more in views of two degrees and more.
+/// The angle in degrees up to which reflected directions count as the same. Rounding of positions turns them by less,
+/// unless what is seen is a thousand times nearer to the mirror than the eye is. From pixel to pixel a plane mirror in a
+/// picture of 1000 pixels turns them by more, unless the field of view is a degree.
 const STEADY: f64 = 1e-3;
 
 /// The error of a filled pixel; none for others. Arguments as in [`accuracy`] and [`direction_step`].

@@ -444,7 +444,19 @@ fn place(error: Option<study::PixelError>, found: f32, is_mirror: bool) -> f32 {
     match error {
         None if is_mirror && (found.is_nan() || found <= 0.0) => ASTRAY,
         Some(error) if error.is_other_surface.is_none() => ASTRAY,
-        error => error.and_then(|error| error.pixels).map_or(f32::NAN, |pixels| pixels as f32),
+        Some(error) => match (error.pixels, error.is_off) {
+            (Some(pixels), _) => pixels as f32,
+            // Where reflections do not change from pixel to pixel, nothing is between right and wrong.
+            (None, Some(is_off)) => {
+                if is_off {
+                    Measure::Place.most()
+                } else {
+                    0.0
+                }
+            }
+            (None, None) => f32::NAN,
+        },
+        None => f32::NAN,
     }
 }
 
@@ -512,7 +524,11 @@ mod tests {
 
     #[test]
     fn what_is_missing_and_what_should_not_be_there_have_a_colour_of_their_own() {
-        let error = |is_other_surface| Some(study::PixelError { angle: 1.0, pixels: Some(2.0), is_other_surface });
+        let of =
+            |pixels, is_off, is_other_surface| Some(study::PixelError { angle: 1.0, pixels, is_off, is_other_surface });
+        let error = |is_other_surface| of(Some(2.0), Some(true), is_other_surface);
+        let steady = [Some(false), Some(true), None].map(|is_off| place(of(None, is_off, Some(false)), 1.0, true));
+        assert!(steady[..2] == [0.0, Measure::Place.most()] && steady[2].is_nan(), "{steady:?}");
         assert_eq!(place(error(Some(false)), 1.0, true), 2.0);
         assert_eq!(place(error(None), 1.0, true), ASTRAY, "a false fill");
         assert_eq!([place(None, 0.0, true), place(None, f32::NAN, true)], [ASTRAY; 2], "nothing was found");
