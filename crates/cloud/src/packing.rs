@@ -47,9 +47,10 @@ fn fold(p: Vec2) -> Vec2 {
     Vec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
 }
 
-/// The number of packed steps per doubling of the radius.
+/// The number of packed steps per doubling of a radius of 2^-19 and more.
 pub const RADIUS_STEPS: u16 = 2048;
-/// The lowest bits of a packed radius are the shape, so that radii come in these steps: 1.1 % from one to the next.
+/// The lowest bits of a packed radius are the shape, so that radii come in these steps: 1.1 % from one to the next
+/// from 2^-19 on.
 pub const RADIUS_SHAPES: u16 = 32;
 /// The steps per doubling without those of the shape.
 const FINE_STEPS: f32 = (RADIUS_STEPS / RADIUS_SHAPES) as f32;

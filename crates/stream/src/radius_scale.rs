@@ -3,7 +3,7 @@
 //! The radii in pages are those of all points together. Where only some are drawn, each represents a larger share of
 //! the surface: the share grows by (all points) / (points drawn), the radius by its square root. A place is an octant
 //! of the deepest node that is drawn there, and the points of all levels in it grow alike. Packed radii are logarithms,
-//! so growth is an addition; it goes in eighths of an octave, so that few chunks change as others come and go. Where
+//! so growth is an addition of steps; it goes in eighths of an octave, so that few chunks change as others come and go. Where
 //! all points are drawn nothing changes.
 //!
 //! That is right on average. Trees and facades have more points than their visible surface needs, and the surroundings
@@ -307,7 +307,8 @@ pub fn larger(radii: &Radii, other: &Radii) -> Radii {
 /// Whether no radius exceeds its counterpart in `other` by half an octave (41 %) or more.
 pub fn is_near(radii: &Radii, other: &Radii) -> bool {
     let (Some(radii), Some(other)) = (radii, other) else { return true };
-    radii.iter().zip(other.iter()).all(|(radius, other)| radius.saturating_sub(*other) < RADIUS_STEPS / 2)
+    let is_below = |radius: u16, other: u16| other >= RADIUS_SHAPES && radius < grown_radius(other, 4 * EIGHTH);
+    radii.iter().zip(other.iter()).all(|(radius, other)| radius <= other || is_below(*radius, *other))
 }
 
 #[cfg(test)]

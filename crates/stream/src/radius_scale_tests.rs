@@ -219,7 +219,14 @@ fn the_larger_radii_are_those_of_each_point() {
     assert_eq!(larger(&first, &radii(&[2, 4])), radii(&[5, 4, 3]));
     let same = larger(&first, &radii(&[5, 0, 2, 9]));
     assert!(Arc::ptr_eq(same.as_ref().unwrap(), first.as_ref().unwrap()));
-    assert!(is_near(&radii(&[1023]), &radii(&[0])) && !is_near(&radii(&[0, 1024]), &radii(&[9, 0])));
+    let near = |radius: f32, other: f32| is_near(&radii(&[pack_radius(radius)]), &radii(&[pack_radius(other)]));
+    for size in [1e-8, 1e-6, 1.0] {
+        assert!(
+            near(size, size) && near(1.15 * size, size) && near(size, 9.0 * size) && !near(1.7 * size, size),
+            "{size}"
+        );
+    }
+    assert!(is_near(&radii(&[0, u16::MAX]), &radii(&[9, u16::MAX])) && !is_near(&radii(&[0, 40_000]), &radii(&[9, 0])));
 }
 
 /// The chunk of a node of [`terrain`] with radii of its own density, and its points by octant.
