@@ -33,6 +33,13 @@ pub fn text(value: f64, step: f64, largest: f64) -> String {
     }
 }
 
+/// A number alone, with four digits and an exponent.
+fn alone(value: f64) -> String {
+    let text = format!("{value:.3e}");
+    let Some((digits, exponent)) = text.split_once('e') else { return text };
+    format!("{}e{exponent}", digits.trim_end_matches('0').trim_end_matches('.'))
+}
+
 /// Numbers from this one on are not written out.
 const LONGEST: f64 = 1e16;
 /// The finest step whose decimals are written out.
@@ -43,8 +50,8 @@ const FINEST: f64 = 1e-12;
 pub fn ticks(low: f64, high: f64, most: usize) -> Vec<(f64, String)> {
     let (range, largest) = (high - low, low.abs().max(high.abs()));
     let Some(below) = round_below(range / most.max(2) as f64) else {
-        let is_tiny = largest > 0.0 && largest < 1e-9;
-        return vec![(low, text(low, if is_tiny { largest * 1e-3 } else { 1e-3 }, largest))];
+        let is_plain = largest == 0.0 || (1e-2..LONGEST).contains(&largest);
+        return vec![(low, if is_plain { text(low, 1e-3, largest) } else { alone(low) })];
     };
     // The next round numbers above it.
     let step = [1.0, 2.0, 2.5, 4.0, 5.0, 10.0].into_iter().map(|factor| below * factor);
@@ -100,5 +107,7 @@ mod tests {
         assert_eq!(texts(1e20, 1.01e20)[..2], ["1e20", "1.002e20"]);
         assert_eq!(texts(1e-30, 1e-29)[..2], ["2e-30", "4e-30"]);
         assert_eq!([texts(1e30, 1e30), texts(3e-20, 3e-20), texts(0.5, 0.5)].concat(), ["1e30", "3e-20", "0.500"]);
+        let alone = [6.18e33, f64::from(1.1e30_f32), -2e-7, 0.0].map(|value| texts(value, value).concat());
+        assert_eq!(alone, ["6.18e33", "1.1e30", "-2e-7", "0.000"]);
     }
 }
