@@ -497,6 +497,10 @@ fn points_of_a_second_element_vertex_are_told_and_are_not_missing() {
     let read = read_bytes(&ascii(&format!("element vertex 1\n{XYZ}\nelement vertex 1\n{XYZ}"), "1 2 3\n4 5 6\n"));
     let told = "the header has several elements vertex: 1 point of others than the first is not read";
     assert_eq!((read.info.warnings, read.info.missing), (vec![told.to_owned()], 0));
+    // An empty one is not the one that is read.
+    let header = format!("element vertex 0\n{XYZ}\nelement vertex 2\n{XYZ}");
+    let read = read_bytes(&ascii(&header, "0 0 0\n1 2 3\n"));
+    assert_eq!((read.positions.len(), read.info.warnings.len()), (2, 0), "{:?}", read.info.warnings);
 }
 
 #[test]

@@ -97,10 +97,12 @@ impl Element {
 }
 
 impl Header {
-    /// The index of the element whose rows are the points: `vertex`, else the first that has x, y and z.
+    /// The index of the element whose rows are the points: the first `vertex` that has any, or the first one, else the first
+    /// element that has x, y and z.
     pub fn points_element(&self) -> Option<usize> {
-        let named = self.elements.iter().position(|element| element.name.eq_ignore_ascii_case("vertex"));
-        named.or_else(|| {
+        let is_vertex = |element: &Element| element.name.eq_ignore_ascii_case("vertex");
+        let filled = self.elements.iter().position(|element| is_vertex(element) && element.count > 0);
+        filled.or_else(|| self.elements.iter().position(is_vertex)).or_else(|| {
             self.elements.iter().position(|element| ["x", "y", "z"].iter().all(|axis| element.has_scalar(axis)))
         })
     }
