@@ -56,7 +56,7 @@ enum Place {
 fn told(path: &Path, error: io::Error) -> io::Error {
     match path.read_link() {
         Ok(target) if error.kind() == io::ErrorKind::NotFound => {
-            io::Error::new(io::ErrorKind::NotFound, format!("a link to {}, where nothing is", shown(&target)))
+            io::Error::new(io::ErrorKind::NotFound, format!("a link to {}, which leads to nothing", shown(&target)))
         }
         _ => error,
     }

@@ -440,7 +440,7 @@ fn input(word: &OsStr, has_hint: bool) -> Result<Input, String> {
         return Ok(Input::File(path.to_owned()));
     }
     if let Ok(target) = path.read_link() {
-        return Err(format!("{name}: a link to {}, where nothing is", shown(&target)));
+        return Err(format!("{name}: a link to {}, which leads to nothing", shown(&target)));
     }
     if name.split_once("://").is_some_and(|(scheme, _)| scheme.chars().all(|letter| letter.is_ascii_alphanumeric())) {
         return Err(format!("{name}: not an address of http or https"));
