@@ -79,6 +79,13 @@ impl Figure {
         truth.is_some_and(|name| name.starts_with("_light_"))
     }
 
+    /// Whether it is measured over the pixels of mirrors that show something, so that it says nothing of the others.
+    pub fn is_of_filled(&self) -> bool {
+        const NAMES: [&str; 4] = ["_angle_error", "_pixel_error", "_occlusion_error", "_wrong"];
+        let name = self.truth().and_then(|(_, prefix)| self.name.strip_prefix(prefix));
+        name.is_some_and(|name| NAMES.iter().any(|known| name.starts_with(known)))
+    }
+
     /// Whether it is measured only if `flicker` is asked for.
     pub fn is_of_flicker(&self) -> bool {
         FLICKER_FIGURES.iter().any(|(name, ..)| *name == self.name)

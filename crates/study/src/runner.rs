@@ -564,7 +564,8 @@ impl<'a> Runner<'a> {
     fn pictures(&mut self, folder: &Folder) -> anyhow::Result<()> {
         for (name, case) in missing_pictures(folder) {
             let case = &case;
-            let settings = self.prepare(case)?;
+            let mut settings = self.prepare(case)?;
+            chosen(&folder.runs, case).iter().try_for_each(|(key, value)| settings.set_text(key, value))?;
             let Self { plan, renderer, loaded, .. } = self;
             let (_, loaded) = loaded.last_mut().ok_or_else(|| anyhow!("no scene is loaded"))?;
             let (group, size) = (&plan.groups[case.group], drawn_size(case.size, &settings));

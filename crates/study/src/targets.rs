@@ -213,8 +213,8 @@ mod tests {
         assert_eq!(
             summary(&judged),
             "Times: 1 of 1 are kept to within 15 %, 0 of them with an error of at most 1.25 times the best setting's. \
-             Errors: 2 of 2 are kept to, 2 of them in at most 1.3 times the best setting's time. No setting keeps to the \
-             other 2 targets."
+             Errors: 2 of 2 are kept to, 2 of them in at most 1.3 times the best setting's time. No other setting keeps to the \
+             remaining 2 targets, which judge nothing."
         );
         // Where mirrors and the rest are judged apart, the worse of the two counts, and not the mean of all pixels.
         let apart: Vec<Run> = runs

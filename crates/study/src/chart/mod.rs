@@ -382,8 +382,9 @@ fn time_chart(plan: &Plan, rows: &[&Row], error: &Figure) -> Option<Chart> {
         // are in the drawn pixels.
         let resolution = |row: &Row| (!error.is_of_still()).then(|| settings_of(row).view.resolution);
         let tasks = distinct(of_scene().map(|row| (row.case.size, row.points, resolution(row))));
-        // The error of a part of the mirrors says nothing of the rest.
-        let whole: Vec<(f64, f64)> = marks().filter(|mark| !mark.is_sparse).map(|mark| (mark.x, mark.y)).collect();
+        // An error of what is filled says nothing of the rest.
+        let is_whole = |mark: &&Mark| !(error.is_of_filled() && mark.is_sparse);
+        let whole: Vec<(f64, f64)> = marks().filter(is_whole).map(|mark| (mark.x, mark.y)).collect();
         let front = if tasks.len() > 1 { Vec::new() } else { front(&whole, more_is_better) };
         panels.push(Panel {
             title,
@@ -486,7 +487,7 @@ fn sweep_chart(
                 (name_of(&row.case.scene_pattern).to_owned(), OTHER_STYLES[index % OTHER_STYLES.len()])
             } else if combinations.len() > 1 {
                 let index = combinations.iter().position(|other| *other == combination).unwrap_or(0);
-                let style = match has_methods {
+                let style = match has_methods && combinations.len() <= MARKERS.len() {
                     true => Style { marker: MARKERS[index % MARKERS.len()], ..Style::of_method(&row.case.method) },
                     false => OTHER_STYLES[index % OTHER_STYLES.len()],
                 };

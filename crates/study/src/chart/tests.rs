@@ -263,16 +263,25 @@ fn curves_of_several_methods_and_values_are_told_apart_by_colour_and_mark() {
 fn the_front_is_of_settings_that_fill_the_mirrors_in_pixels_of_one_size() {
     let group =
         |sweep: &str| plan(&format!("[[group]]\nscenes = [\"one\"]\nmethods = [\"sscr\"]\nsweep = {{ {sweep} }}\n"));
-    let front = |plan: &Plan, coverage: f64| {
+    let front = |plan: &Plan, coverage: f64, error: &str| {
         let of = |case: &Case, figure: &str| match figure {
             "coverage" => Some(if case.index == 0 { coverage } else { 1.0 }),
             _ => value(case, figure),
         };
-        charts(plan, &rows(plan, of))[0].panels[0].front.len()
+        let mut rows = rows(plan, of);
+        for row in &mut rows {
+            let own = row.figures["same_input_delta_e"];
+            row.figures.insert("same_input_wrong".into(), own);
+        }
+        let plan = Plan { errors: vec![error.to_owned()], ..plan.clone() };
+        charts(&plan, &rows)[0].panels[0].front.len()
     };
     let attempts = group("\"sscr.seed_attempts\" = [0, 4]");
-    assert_eq!((front(&attempts, 1.0), front(&attempts, 0.5)), (2, 1));
-    assert_eq!(front(&group("\"view.resolution\" = [0.5, 1]"), 1.0), 0);
+    // Colours count empty pixels, the share of wrong ones does not.
+    let [colors, wrong] = ["same_input_delta_e", "same_input_wrong"];
+    assert_eq!([1.0, 0.5].map(|coverage| front(&attempts, coverage, colors)), [2, 2]);
+    assert_eq!([1.0, 0.5].map(|coverage| front(&attempts, coverage, wrong)), [2, 1]);
+    assert_eq!(front(&group("\"view.resolution\" = [0.5, 1]"), 1.0, colors), 0);
 }
 
 proptest! {

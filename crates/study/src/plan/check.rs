@@ -317,10 +317,14 @@ fn check_set(set: &BTreeMap<String, toml::Value>, path: &[&str]) -> Result<(), P
 
 fn check_parameter(key: &str, value: &str) -> Result<(), String> {
     match key {
-        "reflection.own_methods" if value == "true" => {
-            Err("reflection.own_methods: a study measures each method in all mirrors, expected false".into())
-        }
         "reflection.method" => Err("reflection.method: name methods in the group's `methods`".into()),
-        _ => Settings::default().set_text(key, value).map_err(|error| error.to_string()),
+        _ => {
+            let mut settings = Settings::default();
+            settings.set_text(key, value).map_err(|error| error.to_string())?;
+            if key == "reflection.own_methods" && settings.reflection.own_methods {
+                return Err(format!("{key}: a study measures each method in all mirrors, expected false"));
+            }
+            Ok(())
+        }
     }
 }
