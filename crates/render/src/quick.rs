@@ -1,11 +1,12 @@
 //! The picture while something moves, where the adapter is a processor: every pixel of the picture and as many points as
 //! its time allows, computed without the GPU's passes.
 //!
-//! Each point is put once into a pyramid of cells (levels.rs), at the level whose cells are a quarter to half as wide as its
-//! splat, so a point costs the same however large its splat is. Each pixel then looks up the few points around it
-//! (look_up.rs).
+//! Where points are few, each is drawn as the disc that it is (exact.rs). Else each point is put once into a pyramid of
+//! cells (levels.rs), at the level whose cells are a quarter to half as wide as its splat, so a point costs the same
+//! however large its splat is. Each pixel then looks up the few points around it (look_up.rs).
 //! Schuetz et al. 2021 splat points with one atomic minimum each, as here; docs/performance.md has the times.
 
+mod exact;
 mod levels;
 mod light;
 mod look_up;
@@ -61,6 +62,14 @@ pub struct Detail {
     pub most_points: Option<u64>,
     /// The pixels of the screen that each pixel of the picture fills, along each side.
     pub coarseness: u32,
+    /// Up to so many points, if all are drawn and their splats are not too large, are drawn one after the other; else they
+    /// go into cells.
+    pub most_exact: u64,
+}
+
+impl Detail {
+    /// So many points take little longer one after the other than in cells.
+    pub const MOST_EXACT: u64 = 1 << 17;
 }
 
 impl QuickPicture {
@@ -105,12 +114,20 @@ impl QuickPicture {
         let step = seen.div_ceil(detail.most_points.unwrap_or(u64::MAX).max(1)).max(1) as usize;
         let view = View::new(&frame, settings, step);
         let pieces: Vec<Piece<'_>> = chunks.iter().map(|chunk| Piece::new(chunk, &view)).collect();
-        self.levels.begin(size);
-        splat::put_all(&pieces, &view, &self.levels);
-        self.levels.close_gaps();
+        let points_drawn = chunks.iter().map(|chunk| chunk.points.len().div_ceil(step) as u64).sum();
+        let is_few = step == 1 && points_drawn <= detail.most_exact;
+        let splats = if is_few { exact::splats(&pieces, &view) } else { Vec::new() };
+        if splats.is_empty() {
+            self.levels.begin(size);
+            splat::put_all(&pieces, &view, &self.levels);
+            self.levels.close_gaps();
+        }
         let splatting = began.elapsed().as_secs_f64() * 1e3;
         let began = Instant::now();
-        self.pixels.look_up(&pieces, &view, &self.levels);
+        match splats.is_empty() {
+            true => self.pixels.look_up(&pieces, &view, &self.levels),
+            false => self.pixels.draw(&splats, &view),
+        }
         self.pixels.shade(&view, &frame, settings, known, detail.coarseness as f32);
         (self.size, self.drawn) = (size, store.identities().clone());
         let shading = began.elapsed().as_secs_f64() * 1e3;
@@ -122,7 +139,7 @@ impl QuickPicture {
             ],
             frame_milliseconds: splatting + shading,
             splatting_milliseconds: splatting,
-            points_drawn: chunks.iter().map(|chunk| chunk.points.len().div_ceil(step) as u64).sum(),
+            points_drawn,
             points_resident: store.points(),
             gpu_bytes: store.gpu_bytes(),
             clock: Clock::Host,
@@ -155,7 +172,10 @@ impl QuickPicture {
             pixel[axis].saturating_sub(radius)..=(pixel[axis] + radius).min(last)
         });
         let places = down.flat_map(|y| across.clone().map(move |x| [x, y]));
-        let key = |[x, y]: [u32; 2]| self.levels.nearest(x as usize, y as usize);
+        let key = |[x, y]: [u32; 2]| match self.pixels.keys.get((y * self.size[0] + x) as usize) {
+            Some(key) => *key,
+            None => self.levels.nearest(x as usize, y as usize),
+        };
         // A cell may have a point where its splat does not reach.
         let found = places.map(|place| (place, key(place)));
         let found =

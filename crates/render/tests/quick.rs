@@ -14,7 +14,9 @@ use scene::{Camera, Settings};
 use stage::Stage;
 
 const SIZE: [u32; 2] = [200, 150];
-const ALL: Detail = Detail { most_points: None, coarseness: 1 };
+const ALL: Detail = Detail { most_points: None, coarseness: 1, most_exact: 0 };
+/// Points one after the other, and in cells.
+const BOTH_WAYS: [Detail; 2] = [Detail { most_exact: u64::MAX, ..ALL }, ALL];
 
 fn random(seed: u64) -> f64 {
     hash(seed) as f64 / u64::MAX as f64
@@ -93,13 +95,14 @@ fn difference(a: &[u8], b: &[u8]) -> f64 {
 fn a_quick_picture_is_like_the_picture_at_rest_in_both_projections_and_with_fewer_points() {
     let mut stage = stage_or_skip!();
     let cloud = scan();
-    for projection in ["perspective", "orthographic"] {
+    let projections = ["perspective", "orthographic"];
+    for (way, projection) in BOTH_WAYS.into_iter().flat_map(|way| projections.map(|projection| (way, projection))) {
         let settings = settings(&[("view.projection", projection), ("light.by", "colors")]);
         let store = store(&stage, &cloud, &settings);
         let rest = still(&mut stage, &store, &camera(), &settings);
         let mut quick = QuickPicture::default();
         let mut draw = |most_points| {
-            let detail = Detail { most_points, ..ALL };
+            let detail = Detail { most_points, ..way };
             let stats = quick.draw(&store, &camera(), &settings, SIZE, detail, Known::default());
             (stats.points_drawn, difference(&quick.take_rows().tight(), &rest))
         };
@@ -150,8 +153,9 @@ fn a_thinned_wall_of_random_points_shows_nothing_behind_it() {
     let size = [400, 300];
     let tangent = (f64::from(settings.view.field_of_view).to_radians() / 2.0).tan();
     let mut quick = QuickPicture::default();
-    for most_points in [None, Some(100_000), Some(40_000), Some(15_000), Some(6_000)] {
-        quick.draw(&store, &camera, &settings, size, Detail { most_points, coarseness: 1 }, Known::default());
+    let limits = [None, Some(100_000), Some(40_000), Some(15_000), Some(6_000)];
+    for (way, most_points) in BOTH_WAYS.into_iter().flat_map(|way| limits.map(|limit| (way, limit))) {
+        quick.draw(&store, &camera, &settings, size, Detail { most_points, ..way }, Known::default());
         let picture = quick.take_rows().tight();
         let green = |x: u32, y: u32| picture[((y * size[0] + x) * 4 + 1) as usize];
         // The lines of sight that meet the wall far from its borders.
@@ -194,9 +198,11 @@ fn points_have_the_colours_in_which_the_renderer_shows_them() {
         let store = store(&stage, &cloud, &settings);
         let rest = still(&mut stage, &store, &camera(), &settings);
         let mut quick = QuickPicture::default();
-        quick.draw(&store, &camera(), &settings, SIZE, ALL, Known::default());
-        let difference = difference(&quick.take_rows().tight(), &rest);
-        assert!(difference < 3.0, "{source:?}: {difference} of 255");
+        for way in BOTH_WAYS {
+            quick.draw(&store, &camera(), &settings, SIZE, way, Known::default());
+            let difference = difference(&quick.take_rows().tight(), &rest);
+            assert!(difference < 3.0, "{source:?}, {way:?}: {difference} of 255");
+        }
     }
 }
 
@@ -207,20 +213,22 @@ fn a_quick_picture_shows_no_point_that_is_hidden_and_nothing_before_the_eye() {
     let settings = settings(&[("light.by", "colors"), ("color.by", "class"), ("edl.strength", "0")]);
     let mut store = store(&stage, &cloud, &settings);
     let mut quick = QuickPicture::default();
-    let mut shows = |store: &PointStore, camera: &Camera| {
-        quick.draw(store, camera, &settings, SIZE, ALL, Known::default());
-        let picture = quick.take_rows().tight();
-        [2, 6].map(|class| picture.chunks_exact(4).any(|pixel| pixel[..3] == render::class_color(class)[..3]))
-    };
-    assert_eq!(shows(&store, &camera()), [true, true]);
-    store.set_visibility(&PointTest::hiding([6]));
-    assert_eq!(shows(&store, &camera()), [true, false]);
-    store.set_visibility(&PointTest::hiding([2, 6]));
-    assert_eq!(shows(&store, &camera()), [false, false]);
-    store.set_visibility(&PointTest::default());
-    // The whole scan lies behind the eye.
-    let away = Camera::looking(DVec3::new(20.0, 0.0, 1.0), -DVec3::X, 5.0, DVec3::Z);
-    assert_eq!(shows(&store, &away), [false, false]);
+    for way in BOTH_WAYS {
+        let mut shows = |store: &PointStore, camera: &Camera| {
+            quick.draw(store, camera, &settings, SIZE, way, Known::default());
+            let picture = quick.take_rows().tight();
+            [2, 6].map(|class| picture.chunks_exact(4).any(|pixel| pixel[..3] == render::class_color(class)[..3]))
+        };
+        assert_eq!(shows(&store, &camera()), [true, true]);
+        store.set_visibility(&PointTest::hiding([6]));
+        assert_eq!(shows(&store, &camera()), [true, false]);
+        store.set_visibility(&PointTest::hiding([2, 6]));
+        assert_eq!(shows(&store, &camera()), [false, false]);
+        store.set_visibility(&PointTest::default());
+        // The whole scan lies behind the eye.
+        let away = Camera::looking(DVec3::new(20.0, 0.0, 1.0), -DVec3::X, 5.0, DVec3::Z);
+        assert_eq!(shows(&store, &away), [false, false]);
+    }
 }
 
 #[test]
@@ -348,10 +356,12 @@ fn a_mirror_of_which_nobody_knows_what_it_shows_has_the_colour_of_what_else_is_s
     store.add_chunk(mirror, &wall(2.0, 0.5), None).unwrap();
     let ahead = Camera::from_eye(DVec3::ZERO, DVec3::X, DVec3::Z);
     let mut quick = QuickPicture::default();
-    quick.draw(&store, &ahead, &settings, SIZE, ALL, Known::default());
-    let picture = quick.take_rows().tight();
-    let middle = ((SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) * 4) as usize;
-    assert_eq!(picture[middle..middle + 4], [200, 100, 50, 255]);
+    for way in BOTH_WAYS {
+        quick.draw(&store, &ahead, &settings, SIZE, way, Known::default());
+        let picture = quick.take_rows().tight();
+        let middle = ((SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) * 4) as usize;
+        assert_eq!(picture[middle..middle + 4], [200, 100, 50, 255], "{way:?}");
+    }
 }
 
 #[test]
@@ -363,26 +373,73 @@ fn the_point_under_a_pixel_of_a_quick_picture_is_that_of_the_picture_at_rest() {
     still(&mut stage, &store, &camera(), &settings);
     let depth = stage.renderer.read_aov(Aov::Depth).unwrap().data;
     let mut quick = QuickPicture::default();
-    quick.draw(&store, &camera(), &settings, SIZE, ALL, Known::default());
     let at = |x: u32, y: u32| depth[(y * SIZE[0] + x) as usize];
-    let mut count = 0;
-    for (x, y) in (5..SIZE[1] - 5).step_by(7).flat_map(|y| (5..SIZE[0] - 5).step_by(7).map(move |x| (x, y))) {
-        let around = [at(x, y), at(x - 3, y - 3), at(x + 3, y - 3), at(x - 3, y + 3), at(x + 3, y + 3)];
-        // Beside an outline either surface may be picked.
-        if around.iter().any(|depth| depth.is_nan() || (depth / around[0] - 1.0).abs() > 0.1) {
-            continue;
+    for way in BOTH_WAYS {
+        quick.draw(&store, &camera(), &settings, SIZE, way, Known::default());
+        let mut count = 0;
+        for (x, y) in (5..SIZE[1] - 5).step_by(7).flat_map(|y| (5..SIZE[0] - 5).step_by(7).map(move |x| (x, y))) {
+            let around = [at(x, y), at(x - 3, y - 3), at(x + 3, y - 3), at(x - 3, y + 3), at(x + 3, y + 3)];
+            // Beside an outline either surface may be picked.
+            if around.iter().any(|depth| depth.is_nan() || (depth / around[0] - 1.0).abs() > 0.1) {
+                continue;
+            }
+            let Some(picked) = quick.pick(&store, [x, y], 2) else { panic!("{x}, {y}: nothing at {} m", around[0]) };
+            assert!((picked.linear_depth / around[0] - 1.0).abs() < 0.05, "{x}, {y}: {picked:?}, {} m", around[0]);
+            let place = cloud.chunks[0].position(picked.index);
+            let own = (camera().view_from_world() * (place - camera().eye)).z;
+            // Of a splat that is drawn as a disc, the depth is that of the disc at the pixel.
+            let off = if way.most_exact > 0 { 0.05 } else { 1e-5 };
+            assert!((own / f64::from(picked.linear_depth) - 1.0).abs() < off, "{picked:?} is {own} m away");
+            count += 1;
         }
-        let Some(picked) = quick.pick(&store, [x, y], 2) else { panic!("{x}, {y}: nothing at {} m", around[0]) };
-        assert!((picked.linear_depth / around[0] - 1.0).abs() < 0.05, "{x}, {y}: {picked:?}, {} m", around[0]);
-        let place = cloud.chunks[0].position(picked.index);
-        let own = (camera().view_from_world() * (place - camera().eye)).z;
-        assert!((own / f64::from(picked.linear_depth) - 1.0).abs() < 1e-5, "{picked:?} is {own} m away");
-        count += 1;
+        assert!(count > 100, "{count} pixels");
+        // Six pixels from all that the picture at rest shows.
+        let is_sky = |x: u32, y: u32| (y - 6..=y + 6).all(|y| (x - 6..=x + 6).all(|x| at(x, y).is_nan()));
+        let mut places = (6..SIZE[1] - 6).flat_map(|y| (6..SIZE[0] - 6).map(move |x| (x, y)));
+        let (x, y) = places.find(|(x, y)| is_sky(*x, *y)).unwrap();
+        assert!(quick.pick(&store, [x, y], 1).is_none(), "the sky has no points");
     }
-    assert!(count > 100, "{count} pixels");
-    // Six pixels from all that the picture at rest shows.
-    let is_sky = |x: u32, y: u32| (y - 6..=y + 6).all(|y| (x - 6..=x + 6).all(|x| at(x, y).is_nan()));
-    let mut places = (6..SIZE[1] - 6).flat_map(|y| (6..SIZE[0] - 6).map(move |x| (x, y)));
-    let (x, y) = places.find(|(x, y)| is_sky(*x, *y)).unwrap();
-    assert!(quick.pick(&store, [x, y], 1).is_none(), "the sky has no points");
+}
+
+/// Discs of all directions and colours, each apart from the others, before a wall of another colour.
+fn discs() -> Cloud {
+    let (mut places, mut normals, mut colors, mut radii) = (vec![], vec![], vec![], vec![]);
+    let mut add = |place: DVec3, normal: DVec3, color: [u8; 4], radius: f32| {
+        places.push(place);
+        normals.push(pack_normal(normal.normalize().as_vec3()));
+        colors.push(color);
+        radii.push(pack_radius(radius));
+    };
+    for i in 0..300 {
+        let part = |k: u64| random(i * 9 + k);
+        let place = DVec3::new(4.0 + 2.0 * part(0), 4.0 * part(1) - 2.0, 3.0 * part(2) - 1.5);
+        let normal = DVec3::new(-1.0, part(3) - 0.5, part(4) - 0.5);
+        let color = [5, 6, 7].map(|k| (part(k) * 255.0) as u8);
+        add(place, normal, [color[0], color[1], color[2], 255], 0.12 + 0.12 * part(8) as f32);
+    }
+    for (y, z) in (-40..=40).flat_map(|y| (-30..=30).map(move |z| (y, z))) {
+        add(DVec3::new(9.0, f64::from(y) * 0.2, f64::from(z) * 0.2), -DVec3::X, [40, 90, 40, 255], 0.2);
+    }
+    let mut chunk = Chunk::of_places(0, &places);
+    (chunk.normals, chunk.radii) = (Some(Arc::new(normals)), Some(Arc::new(radii)));
+    chunk.colors = Some(Arc::new(colors));
+    Cloud { chunks: vec![chunk], ..Cloud::default() }
+}
+
+#[test]
+fn few_splats_are_drawn_as_the_discs_that_they_are_at_rest() {
+    let mut stage = stage_or_skip!();
+    let cloud = discs();
+    let camera = Camera::from_eye(DVec3::ZERO, DVec3::X * 5.0, DVec3::Z);
+    for projection in ["perspective", "orthographic"] {
+        let settings = settings(&[("view.projection", projection), ("light.by", "colors"), ("edl.strength", "0")]);
+        let store = store(&stage, &cloud, &settings);
+        let rest = still(&mut stage, &store, &camera, &settings);
+        let mut quick = QuickPicture::default();
+        let [exact, cells] = BOTH_WAYS.map(|way| {
+            quick.draw(&store, &camera, &settings, SIZE, way, Known::default());
+            difference(&quick.take_rows().tight(), &rest)
+        });
+        assert!(exact < 1.5 && cells > 3.0 * exact, "{projection}: {exact} of 255 and {cells} in cells");
+    }
 }

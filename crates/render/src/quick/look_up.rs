@@ -1,13 +1,13 @@
 //! What each pixel shows of the points in the cells of a pyramid.
 
-use cloud::unpack_normal;
 use glam::Vec3;
 use rayon::prelude::*;
 use scene::Settings;
 
+use super::exact::{self, Splat};
 use super::levels::{EMPTY, IN_FRONT, LEVELS, Levels, NEARER, Sides, depth_of, identity_of};
 use super::light::{self, Known, Lit};
-use super::splat::{Piece, View};
+use super::splat::{Disc, NO_DISC, Piece, View};
 use crate::frame::FrameCamera;
 use crate::layout::BLOCK_POINTS;
 
@@ -20,6 +20,8 @@ pub struct Pixels {
     depth: Vec<f32>,
     /// sRGB red, green, blue and opacity: of the points, and then in light.
     color: Vec<[u8; 4]>,
+    /// The key of the nearest splat of each pixel, where splats were drawn one after the other; else empty.
+    pub keys: Vec<u64>,
     /// The light on each pixel, as light.rs codes it.
     lights: Vec<[u8; 4]>,
     pub picture: Vec<[u8; 4]>,
@@ -57,49 +59,6 @@ impl<'a> Found<'a> {
         let identity = identity_of(key);
         let piece = &self.pieces[self.owners[(identity / BLOCK_POINTS) as usize] as usize];
         (piece, (identity - piece.first_identity) as usize)
-    }
-}
-
-/// A splat that pixels near its middle look at.
-#[derive(Clone, Copy)]
-struct Disc {
-    center: Vec3,
-    /// Zero if it faces the eye.
-    normal: Vec3,
-    /// The product of normal and middle.
-    offset: f32,
-    inverse_square: f32,
-    color: [u8; 4],
-}
-
-const NO_DISC: Disc =
-    Disc { center: Vec3::ZERO, normal: Vec3::ZERO, offset: 0.0, inverse_square: f32::INFINITY, color: [0; 4] };
-
-impl Disc {
-    fn new(key: u64, found: &Found<'_>, view: &View) -> Self {
-        let (piece, index) = found.point(key);
-        let center = piece.place(index, view);
-        let normal = piece.normals.and_then(|normals| unpack_normal(normals[index])).unwrap_or(Vec3::ZERO);
-        let normal = view.view_from_world * normal;
-        let radius = piece.radius(index) * view.scale;
-        let color = piece.color(index);
-        Self { center, normal, offset: normal.dot(center), inverse_square: 1.0 / (radius * radius), color }
-    }
-
-    /// The depth at a line of sight, and the square of the distance from the middle in radii.
-    #[inline(always)]
-    fn meet(&self, [x, y]: [f32; 2], view: &View) -> (f32, f32) {
-        let Self { center, normal, .. } = *self;
-        let depth = if normal == Vec3::ZERO {
-            center.z
-        } else if view.orthographic {
-            (self.offset - normal.x * x - normal.y * y) / normal.z
-        } else {
-            self.offset / (normal.x * x + normal.y * y + normal.z)
-        };
-        let across = if view.orthographic { 1.0 } else { depth };
-        let beside = Vec3::new(x * across, y * across, depth) - center;
-        (depth, beside.length_squared() * self.inverse_square)
     }
 }
 
@@ -286,30 +245,57 @@ impl Scene<'_> {
 }
 
 impl Pixels {
+    /// Makes room for a picture. Returns its rows, so many together: their depths, with a border, and their colours.
+    fn rows(
+        &mut self,
+        view: &View,
+        height: usize,
+    ) -> impl IndexedParallelIterator<Item = (&mut [f32], &mut [[u8; 4]])> {
+        let [width, all] = view.size.map(|edge| edge as usize);
+        let stride = width + 2;
+        if self.depth.len() != stride * (all + 2) {
+            self.depth = vec![f32::INFINITY; stride * (all + 2)];
+        }
+        self.color.resize(width * all, [0; 4]);
+        let inner = stride..stride * (all + 1);
+        self.depth[inner].par_chunks_mut(stride * height).zip(self.color.par_chunks_mut(width * height))
+    }
+
+    /// Draws splats one after the other.
+    pub fn draw(&mut self, splats: &[Splat], view: &View) {
+        let width = view.size[0] as usize;
+        let mut keys = std::mem::take(&mut self.keys);
+        keys.resize(width * view.size[1] as usize, EMPTY);
+        let rows = self.rows(view, exact::BAND).zip(keys.par_chunks_mut(width * exact::BAND));
+        exact::draw(splats, view, rows, |((depths, colors), keys), seen| {
+            for (place, seen) in seen.iter().enumerate() {
+                keys[place] = seen.key;
+                (depths[place / width * (width + 2) + place % width + 1], colors[place]) = seen.mean();
+            }
+        });
+        self.keys = keys;
+    }
+
     /// Finds the depth and the colour of each pixel.
     pub fn look_up(&mut self, pieces: &[Piece<'_>], view: &View, levels: &Levels) {
         let width = view.size[0] as usize;
-        let pixels = width * view.size[1] as usize;
-        if self.depth.len() != (width + 2) * (view.size[1] as usize + 2) {
-            self.depth = vec![f32::INFINITY; (width + 2) * (view.size[1] as usize + 2)];
-        }
-        self.color.resize(pixels, [0; 4]);
+        self.keys.clear();
         let found = Found::new(pieces);
         let coarse = levels.coarse();
         self.discs.resize(coarse.len(), NO_DISC);
         let make = |(disc, key): (&mut Disc, u64)| {
             if key != EMPTY {
-                *disc = Disc::new(key, &found, view);
+                let (piece, index) = found.point(key);
+                *disc = Disc::new(piece, index, piece.place(index, view), piece.radius(index) * view.scale, view);
             } else {
                 disc.inverse_square = f32::INFINITY;
             }
         };
         self.discs.par_iter_mut().with_min_len(1 << 12).zip(coarse).for_each(make);
-        let scene = Scene { found, view, levels, discs: &self.discs };
+        let discs = std::mem::take(&mut self.discs);
+        let scene = Scene { found, view, levels, discs: &discs };
         let stride = width + 2;
-        let inner = stride..stride * (view.size[1] as usize + 1);
-        let rows = self.depth[inner].par_chunks_mut(stride * TILE).zip(self.color.par_chunks_mut(width * TILE));
-        rows.enumerate().for_each(|(band, (depths, colors))| {
+        self.rows(view, TILE).enumerate().for_each(|(band, (depths, colors))| {
             let top = band * TILE;
             for left in (0..width).step_by(TILE) {
                 scene.tile(left, top, |x, y, depth, color| {
@@ -318,6 +304,7 @@ impl Pixels {
                 });
             }
         });
+        self.discs = discs;
     }
 
     /// Makes the picture: closes gaps of single pixels, and draws eye-dome lighting.

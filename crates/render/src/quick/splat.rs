@@ -1,9 +1,10 @@
-//! Puts points into the cells of a pyramid.
+//! The splats of points, and how they are put into the cells of a pyramid.
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use cloud::{ShownPoints, stretch_ratio, unpack_normal, unpack_radius};
-use glam::{DMat3, DVec3, Mat3, Vec3};
+use glam::{DMat3, DVec3, Mat3, Vec3, Vec4};
 use rayon::prelude::*;
 use scene::Settings;
 
@@ -66,6 +67,80 @@ impl View {
     #[inline(always)]
     pub fn slope(&self, x: f32, y: f32) -> [f32; 2] {
         [(x - self.half[0]) / self.focal, (self.half[1] - y) / self.focal]
+    }
+}
+
+/// The disc of a splat, in view space.
+#[derive(Clone, Copy)]
+pub struct Disc {
+    pub center: Vec3,
+    /// Zero if it faces the eye.
+    pub normal: Vec3,
+    /// The product of normal and middle.
+    offset: f32,
+    pub inverse_square: f32,
+    pub color: [u8; 4],
+}
+
+pub const NO_DISC: Disc =
+    Disc { center: Vec3::ZERO, normal: Vec3::ZERO, offset: 0.0, inverse_square: f32::INFINITY, color: [0; 4] };
+
+impl Disc {
+    #[inline(always)]
+    pub fn new(piece: &Piece<'_>, index: usize, center: Vec3, radius: f32, view: &View) -> Self {
+        let normal = piece.normals.and_then(|normals| unpack_normal(normals[index])).unwrap_or(Vec3::ZERO);
+        let normal = view.view_from_world * normal;
+        let color = piece.color(index);
+        Self { center, normal, offset: normal.dot(center), inverse_square: 1.0 / (radius * radius), color }
+    }
+
+    /// The depth at a line of sight, and the square of the distance from the middle in radii.
+    #[inline(always)]
+    pub fn meet(&self, [x, y]: [f32; 2], view: &View) -> (f32, f32) {
+        let Self { center, normal, .. } = *self;
+        let depth = if normal == Vec3::ZERO {
+            center.z
+        } else if view.orthographic {
+            (self.offset - normal.x * x - normal.y * y) / normal.z
+        } else {
+            self.offset / (normal.x * x + normal.y * y + normal.z)
+        };
+        let across = if view.orthographic { 1.0 } else { depth };
+        let beside = Vec3::new(x * across, y * across, depth) - center;
+        (depth, beside.length_squared() * self.inverse_square)
+    }
+
+    /// The same at four lines of sight side by side, whose slopes across the picture are `x`.
+    #[inline(always)]
+    pub fn meet_four(&self, x: Vec4, y: f32, view: &View) -> (Vec4, Vec4) {
+        let Self { center, normal, .. } = *self;
+        let depth = if normal == Vec3::ZERO {
+            Vec4::splat(center.z)
+        } else if view.orthographic {
+            (self.offset - normal.x * x - normal.y * y) / normal.z
+        } else {
+            self.offset / (normal.x * x + normal.y * y + normal.z)
+        };
+        let across = if view.orthographic { Vec4::ONE } else { depth };
+        let (right, up, behind) = (x * across - center.x, y * across - center.y, depth - center.z);
+        (depth, (right * right + up * up + behind * behind) * self.inverse_square)
+    }
+
+    /// How far from its middle the disc may cover pixels, across and down the picture; its radius is `pixels` there.
+    pub fn reach(&self, radius: f32, pixels: f32, view: &View) -> [f32; 2] {
+        let Self { center, normal, .. } = *self;
+        // The margins are wider than what rounding moves its rim.
+        let nearest = center.z - 1.01 * radius * (1.0 - normal.z * normal.z).max(0.0).sqrt();
+        if normal == Vec3::ZERO || nearest <= view.near {
+            return [pixels; 2];
+        }
+        [0, 1].map(|axis| {
+            // At right angles to the upright or level plane of sight through its middle.
+            let slope = if view.orthographic { 0.0 } else { center[axis] / center.z };
+            let across = normal[axis] - slope * normal.z;
+            let width = ((1.0 + slope * slope - across * across).max(0.0) + 1e-4).sqrt();
+            pixels.min(1.01 * view.pixels_per_unit(nearest) * radius * width + 0.05)
+        })
     }
 }
 
@@ -160,7 +235,17 @@ impl<'a> Piece<'a> {
             .is_some_and(|normal| (view.view_from_world * normal).dot(sight) > 0.0)
     }
 
-    fn put(&self, range: std::ops::Range<usize>, view: &View, levels: &Levels) {
+    /// Where a point is on the screen in pixels, the pixels of a world unit there, and the radius of its splat in pixels.
+    #[inline(always)]
+    pub fn on_screen(&self, index: usize, place: Vec3, view: &View) -> ([f32; 2], f32, f32) {
+        let scale = view.pixels_per_unit(place.z);
+        let middle = [view.half[0] + place.x * scale, view.half[1] - place.y * scale];
+        (middle, scale, (self.radius(index) * view.scale * scale).max(0.5 * view.least))
+    }
+
+    /// Calls `draw` with each point of a range that is drawn, and its place in view space.
+    #[inline(always)]
+    pub fn each(&self, range: Range<usize>, view: &View, mut draw: impl FnMut(usize, Vec3)) {
         let first = range.start.next_multiple_of(view.step);
         let shows_all = matches!(self.shown, ShownPoints::All);
         for index in (first..range.end).step_by(view.step) {
@@ -172,26 +257,37 @@ impl<'a> Piece<'a> {
             if view.hides_backs && self.is_turned_away(index, place, view) {
                 continue;
             }
-            let scale = view.pixels_per_unit(place.z);
-            let [x, y] = [view.half[0] + place.x * scale, view.half[1] - place.y * scale];
-            let diameter = (2.0 * self.radius(index) * view.scale * scale).clamp(view.least, view.most);
-            levels.put(level_of(diameter), x, y, key_of(place.z, self.first_identity + index as u32));
+            draw(index, place);
         }
+    }
+
+    fn put(&self, range: Range<usize>, view: &View, levels: &Levels) {
+        self.each(range, view, |index, place| {
+            let ([x, y], _, radius) = self.on_screen(index, place, view);
+            levels.put(
+                level_of((2.0 * radius).min(view.most)),
+                x,
+                y,
+                key_of(place.z, self.first_identity + index as u32),
+            );
+        });
     }
 }
 
 /// The number of points that one thread takes at once.
 const SLICE: usize = 1 << 14;
 
+/// The points of all pieces, in parts for one thread each.
+pub fn slices<'a>(pieces: &'a [Piece<'a>], view: &View) -> Vec<(&'a Piece<'a>, Range<usize>)> {
+    let slice = SLICE * view.step.min(8);
+    let of_piece = |piece: &'a Piece<'a>| {
+        let points = piece.positions.len();
+        (0..points).step_by(slice).map(move |first| (piece, first..(first + slice).min(points)))
+    };
+    pieces.iter().flat_map(of_piece).collect()
+}
+
 /// Puts the points of all pieces into the cells.
 pub fn put_all(pieces: &[Piece<'_>], view: &View, levels: &Levels) {
-    let slice = SLICE * view.step.min(8);
-    let slices: Vec<(&Piece<'_>, std::ops::Range<usize>)> = pieces
-        .iter()
-        .flat_map(|piece| {
-            let points = piece.positions.len();
-            (0..points).step_by(slice).map(move |first| (piece, first..(first + slice).min(points)))
-        })
-        .collect();
-    slices.into_par_iter().for_each(|(piece, range)| piece.put(range, view, levels));
+    slices(pieces, view).into_par_iter().for_each(|(piece, range)| piece.put(range, view, levels));
 }
