@@ -1,7 +1,7 @@
 //! The picture while something moves, where the adapter is a processor: every pixel of the picture and as many points as
 //! its time allows, computed without the GPU's passes.
 //!
-//! Where points are few, each is drawn as the disc that it is (exact.rs). Else each point is put once into a pyramid of
+//! Where points are few, each is drawn as a disc (exact.rs). Else each point is put once into a pyramid of
 //! cells (levels.rs), at the level whose cells are a quarter to half as wide as its splat, so a point costs the same
 //! however large its splat is. Each pixel then looks up the few points around it (look_up.rs).
 //! Schuetz et al. 2021 splat points with one atomic minimum each, as here; docs/performance.md has the times.
@@ -62,13 +62,13 @@ pub struct Detail {
     pub most_points: Option<u64>,
     /// The pixels of the screen that each pixel of the picture fills, along each side.
     pub coarseness: u32,
-    /// Up to so many points, if all are drawn and their splats are not too large, are drawn one after the other; else they
-    /// go into cells.
+    /// Clouds of up to so many points in all, if none is left out and their splats cover few pixels, are drawn as discs; else
+    /// points go into cells.
     pub most_exact: u64,
 }
 
 impl Detail {
-    /// So many points take little longer one after the other than in cells.
+    /// So many points on 0.24 million pixels take up to twice as long as discs as in cells.
     pub const MOST_EXACT: u64 = 1 << 17;
 }
 
@@ -115,8 +115,10 @@ impl QuickPicture {
         let view = View::new(&frame, settings, step);
         let pieces: Vec<Piece<'_>> = chunks.iter().map(|chunk| Piece::new(chunk, &view)).collect();
         let points_drawn = chunks.iter().map(|chunk| chunk.points.len().div_ceil(step) as u64).sum();
-        let is_few = step == 1 && points_drawn <= detail.most_exact;
-        let splats = if is_few { exact::splats(&pieces, &view) } else { Vec::new() };
+        // All points count, and not those in the view alone, so that a turn of the camera changes nothing.
+        let is_few = step == 1 && store.points() <= detail.most_exact;
+        let largest = settings.splat.max_pixels.max(settings.splat.rest_pixels) / detail.coarseness as f32;
+        let splats = if is_few { exact::splats(&pieces, &view, largest) } else { Vec::new() };
         if splats.is_empty() {
             self.levels.begin(size);
             splat::put_all(&pieces, &view, &self.levels);
@@ -134,7 +136,7 @@ impl QuickPicture {
         let pass = |name, stage, milliseconds| PassTime { name, stage, milliseconds };
         FrameStats {
             passes: vec![
-                pass("quick_splat", PassStage::Surface, splatting),
+                pass(if splats.is_empty() { "quick_splat" } else { "quick_discs" }, PassStage::Surface, splatting),
                 pass("quick_look_up", PassStage::View, shading),
             ],
             frame_milliseconds: splatting + shading,

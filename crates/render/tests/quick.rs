@@ -15,7 +15,7 @@ use stage::Stage;
 
 const SIZE: [u32; 2] = [200, 150];
 const ALL: Detail = Detail { most_points: None, coarseness: 1, most_exact: 0 };
-/// Points one after the other, and in cells.
+/// Points as discs, and in cells.
 const BOTH_WAYS: [Detail; 2] = [Detail { most_exact: u64::MAX, ..ALL }, ALL];
 
 fn random(seed: u64) -> f64 {
@@ -154,8 +154,8 @@ fn a_thinned_wall_of_random_points_shows_nothing_behind_it() {
     let tangent = (f64::from(settings.view.field_of_view).to_radians() / 2.0).tan();
     let mut quick = QuickPicture::default();
     let limits = [None, Some(100_000), Some(40_000), Some(15_000), Some(6_000)];
-    for (way, most_points) in BOTH_WAYS.into_iter().flat_map(|way| limits.map(|limit| (way, limit))) {
-        quick.draw(&store, &camera, &settings, size, Detail { most_points, ..way }, Known::default());
+    for most_points in limits {
+        quick.draw(&store, &camera, &settings, size, Detail { most_points, ..ALL }, Known::default());
         let picture = quick.take_rows().tight();
         let green = |x: u32, y: u32| picture[((y * size[0] + x) * 4 + 1) as usize];
         // The lines of sight that meet the wall far from its borders.
@@ -442,4 +442,49 @@ fn few_splats_are_drawn_as_the_discs_that_they_are_at_rest() {
         });
         assert!(exact < 1.5 && cells > 3.0 * exact, "{projection}: {exact} of 255 and {cells} in cells");
     }
+}
+
+#[test]
+fn splats_that_are_many_large_or_long_go_into_cells() {
+    let stage = stage_or_skip!();
+    let camera = Camera::from_eye(DVec3::ZERO, DVec3::X * 5.0, DVec3::Z);
+    let way = |cloud: &Cloud, size: [u32; 2], splat_size: &str, most_exact: u64| {
+        let settings = settings(&[("light.by", "colors"), ("splat.size", splat_size)]);
+        let store = store(&stage, cloud, &settings);
+        let detail = Detail { most_exact, ..ALL };
+        QuickPicture::default().draw(&store, &camera, &settings, size, detail, Known::default()).passes[0].name
+    };
+    let round = discs();
+    let mut long = discs();
+    let shape = (0..32).find(|shape| cloud::stretch_ratio(32 + shape) > 3.0).unwrap();
+    let radii = long.chunks[0].radii.as_ref().unwrap().iter().map(|radius| radius / 32 * 32 + shape).collect();
+    long.chunks[0].radii = Some(Arc::new(radii));
+    assert_eq!(way(&round, SIZE, "1", round.len()), "quick_discs");
+    assert_eq!(way(&round, SIZE, "1", round.len() - 1), "quick_splat");
+    assert_eq!(way(&round, [1600, 1200], "4", u64::MAX), "quick_splat");
+    assert_eq!(way(&long, SIZE, "1", u64::MAX), "quick_splat");
+}
+
+#[test]
+fn a_disc_before_the_eye_is_no_larger_than_at_rest() {
+    let mut stage = stage_or_skip!();
+    let mut chunk = Chunk::of_places(0, &[DVec3::X * 0.3]);
+    chunk.normals = Some(Arc::new(vec![pack_normal(-glam::Vec3::X)]));
+    chunk.radii = Some(Arc::new(vec![pack_radius(0.5)]));
+    chunk.colors = Some(Arc::new(vec![[200, 100, 50, 255]]));
+    let cloud = Cloud { chunks: vec![chunk], ..Cloud::default() };
+    let settings = settings(&[
+        ("light.by", "colors"),
+        ("edl.strength", "0"),
+        ("splat.max_pixels", "16"),
+        ("splat.rest_pixels", "64"),
+    ]);
+    let store = store(&stage, &cloud, &settings);
+    let camera = Camera::from_eye(DVec3::ZERO, DVec3::X, DVec3::Z);
+    let covered = |picture: &[u8]| picture.chunks_exact(4).filter(|pixel| pixel[0] > 100).count();
+    let rest = covered(&still(&mut stage, &store, &camera, &settings));
+    let mut quick = QuickPicture::default();
+    quick.draw(&store, &camera, &settings, SIZE, BOTH_WAYS[0], Known::default());
+    let moving = covered(&quick.take_rows().tight());
+    assert!(rest > 2000 && moving.abs_diff(rest) * 50 < rest, "{moving} pixels in place of {rest}");
 }

@@ -1,5 +1,5 @@
-//! Splats drawn one after the other, where they are few: a pixel shows all that cover it, as in a picture at rest, and not
-//! only those that cells keep.
+//! Splats drawn one after the other as discs, where they are few: a pixel shows all that cover it, as in a picture at rest,
+//! and not only those that cells keep.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -7,8 +7,11 @@ use rayon::prelude::*;
 use super::levels::{EMPTY, depth_of, key_of};
 use super::splat::{Disc, MIRROR, Piece, View, slices};
 
-/// So many splats may lie over each pixel of the picture in the mean; if they are more, they are put into cells.
-const MOST_OVER_PIXEL: u64 = 12;
+/// The boxes around splats may have so many pixels in all, each counted for each splat: some 40 ms on two cores. If they
+/// have more, splats are put into cells.
+const MOST_PIXELS: u64 = 5 << 18;
+/// One in so many splats may be an ellipse that is much longer than wide. Discs of more would leave gaps, which cells close.
+const FEW: usize = 16;
 /// The height in pixels of the bands of the picture that one thread draws at once.
 pub const BAND: usize = 16;
 /// Of discs in one plane, that with the nearest middle is in front: discs are hollow by this share of their radius.
@@ -21,16 +24,19 @@ pub struct Splat {
     disc: Disc,
     radius: f32,
     identity: u32,
+    is_long: bool,
     first: [i32; 2],
     last: [i32; 2],
-    /// The pixel that contains its middle, if its line of sight misses the disc: one that is seen edge-on leaves no hole.
+    /// The pixel that contains its middle, if its line of sight misses the disc: small ones, and those that are seen edge-on,
+    /// leave no hole.
     missed: Option<[i32; 2]>,
 }
 
 impl Splat {
     /// `None` if it covers no pixel of the picture.
-    fn new(piece: &Piece<'_>, index: usize, place: Vec3, view: &View) -> Option<Self> {
+    fn new(piece: &Piece<'_>, index: usize, place: Vec3, view: &View, largest: f32) -> Option<Self> {
         let (middle, scale, pixels) = piece.on_screen(index, place, view);
+        let pixels = pixels.min(0.5 * largest);
         let radius = pixels / scale;
         let disc = Disc::new(piece, index, place, radius, view);
         let reach = disc.reach(radius, pixels, view);
@@ -46,7 +52,8 @@ impl Splat {
         let is_missed =
             !(square <= 1.0 && depth > view.near) && (0..2).all(|axis| (0..size[axis]).contains(&holds[axis]));
         let identity = piece.first_identity + index as u32;
-        Some(Self { disc, radius, identity, first, last, missed: is_missed.then_some(holds) })
+        let is_long = piece.is_long(index);
+        Some(Self { disc, radius, identity, is_long, first, last, missed: is_missed.then_some(holds) })
     }
 
     fn pixels(&self) -> u64 {
@@ -80,17 +87,18 @@ impl Splat {
     }
 }
 
-/// The splats of all points that are drawn; none if they cover too many pixels to be drawn one after the other.
-pub fn splats(pieces: &[Piece<'_>], view: &View) -> Vec<Splat> {
+/// The splats of all points that are drawn, of a diameter of at most `largest` pixels; none if they cover too many pixels
+/// to be drawn one after the other, or if they are no discs.
+pub fn splats(pieces: &[Piece<'_>], view: &View, largest: f32) -> Vec<Splat> {
     let of_slice = |(piece, range): (&Piece<'_>, _)| {
         let mut splats = Vec::new();
-        piece.each(range, view, |index, place| splats.extend(Splat::new(piece, index, place, view)));
+        piece.each(range, view, |index, place| splats.extend(Splat::new(piece, index, place, view, largest)));
         splats
     };
     let splats: Vec<Splat> = slices(pieces, view).into_par_iter().flat_map_iter(of_slice).collect();
     let pixels: u64 = splats.iter().map(Splat::pixels).sum();
-    let most = MOST_OVER_PIXEL * view.size.map(u64::from).iter().product::<u64>();
-    if pixels > most { Vec::new() } else { splats }
+    let long = splats.iter().filter(|splat| splat.is_long).count();
+    if pixels > MOST_PIXELS || long * FEW > splats.len() { Vec::new() } else { splats }
 }
 
 /// What a pixel shows: the mean of the splats that are no farther behind the nearest one than their radius.

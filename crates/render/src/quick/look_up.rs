@@ -16,6 +16,7 @@ use crate::layout::BLOCK_POINTS;
 pub struct Pixels {
     /// The discs of the cells of all levels but the finest.
     discs: Vec<Disc>,
+    size: [u32; 2],
     /// The linear depth in world units; infinite where nothing is seen, and in a border of one pixel.
     depth: Vec<f32>,
     /// sRGB red, green, blue and opacity: of the points, and then in light.
@@ -253,7 +254,8 @@ impl Pixels {
     ) -> impl IndexedParallelIterator<Item = (&mut [f32], &mut [[u8; 4]])> {
         let [width, all] = view.size.map(|edge| edge as usize);
         let stride = width + 2;
-        if self.depth.len() != stride * (all + 2) {
+        if self.size != view.size {
+            self.size = view.size;
             self.depth = vec![f32::INFINITY; stride * (all + 2)];
         }
         self.color.resize(width * all, [0; 4]);

@@ -222,6 +222,12 @@ impl<'a> Piece<'a> {
         radius * self.enlarged
     }
 
+    /// Whether a point's splat is an ellipse of twice its width and more.
+    pub fn is_long(&self, index: usize) -> bool {
+        let packed = self.radii.map_or(0, |radii| radii[index]);
+        self.sizes.widths[usize::from(packed & 31)] < 0.71
+    }
+
     #[inline(always)]
     pub fn place(&self, index: usize, view: &View) -> Vec3 {
         view.view_from_world * Vec3::from(self.positions[index]) + self.origin
