@@ -164,7 +164,7 @@ pub struct PixelError {
     /// The angle between Q - P and R in degrees.
     pub angle: f64,
     /// The error relative to the angle by which R changes from this pixel to the next; none if R does not change by more
-    /// than rounding does ([`STEADY`]), as in a plane mirror in parallel projection.
+    /// than rounding does (a thousandth of a degree), as in a plane mirror in parallel projection.
     pub pixels: Option<f64>,
     /// Whether the error is more than a pixel, or more than rounding where R does not change; none without a neighbour.
     pub is_off: Option<bool>,
