@@ -6,7 +6,6 @@ use scene::{Camera, Method, Settings};
 use super::Hands;
 use super::changes::{Change, Squares, squares_of};
 use crate::cost::{CostModel, Costs, Workload};
-use crate::results::stage_ms;
 use crate::still::{Still, StillError, drawn_size};
 
 /// A setting that was drawn.
@@ -41,6 +40,12 @@ fn telling(times: &[f64], expected: f64) -> Option<usize> {
 
 /// Methods whose passes are known to take so many times what those of an exact one take are not tried.
 const SLOW: f64 = 1.5;
+
+/// The milliseconds of the passes that find reflections.
+fn of_method(stats: &FrameStats) -> f64 {
+    let passes = stats.passes.iter().filter(|pass| pass.stage == PassStage::Method);
+    passes.map(|pass| pass.milliseconds).sum()
+}
 
 /// Adds to the passes of a frame those of `base` that drew the shadow maps with which the frame was drawn: those of lamps,
 /// or of virtual lights, if it drew none of its own. A frame without virtual lights has no maps of them.
@@ -185,7 +190,7 @@ impl Search<'_, '_, '_> {
             Ok(stats)
         };
         let mut stats = match is_of_method {
-            true => self.told(draw, |stats| stage_ms(&stats.passes, PassStage::Method), times)?,
+            true => self.told(draw, of_method, times)?,
             false => self.told(draw, |_| 0.0, (0.0, f64::INFINITY))?,
         };
         add_standing_maps(&mut stats.passes, &trial.passes, stats.virtual_lights > 0);

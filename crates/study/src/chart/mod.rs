@@ -185,6 +185,13 @@ impl Style {
         let at = METHODS.iter().position(|row| row.name == method).unwrap_or_default();
         METHOD_STYLES[at % METHOD_STYLES.len()]
     }
+
+    /// The style of a combination of values by its number: a mark of its own in the colour of its method, if that must be
+    /// told from others.
+    fn of_values(index: usize, method: Option<&str>) -> Self {
+        let in_color = |method| Self { marker: MARKERS[index % MARKERS.len()], ..Self::of_method(method) };
+        method.map_or(OTHER_STYLES[index % OTHER_STYLES.len()], in_color)
+    }
 }
 
 impl Chart {
@@ -487,10 +494,8 @@ fn sweep_chart(
                 (name_of(&row.case.scene_pattern).to_owned(), OTHER_STYLES[index % OTHER_STYLES.len()])
             } else if combinations.len() > 1 {
                 let index = combinations.iter().position(|other| *other == combination).unwrap_or(0);
-                let style = match has_methods && combinations.len() <= MARKERS.len() {
-                    true => Style { marker: MARKERS[index % MARKERS.len()], ..Style::of_method(&row.case.method) },
-                    false => OTHER_STYLES[index % OTHER_STYLES.len()],
-                };
+                let in_color = has_methods && combinations.len() <= MARKERS.len();
+                let style = Style::of_values(index, in_color.then_some(row.case.method.as_str()));
                 (format!("{} {}", row.case.method, combination.join(" ")), style)
             } else {
                 (row.case.method.clone(), Style::of_method(&row.case.method))
