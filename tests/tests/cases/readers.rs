@@ -189,10 +189,10 @@ fn hidden_names_in_a_folder_are_no_tiles_and_a_link_to_nothing_is_named() {
         std::os::unix::fs::symlink("../gone.ply", folder.path("tiles/c.ply")).expect("a link");
         let outcome = folder.glint(["info", "tiles/c.ply"]);
         assert!(outcome.status == Some(2) && !outcome.messages.contains("did you mean"), "{outcome}");
-        assert!(outcome.messages.contains("c.ply: a link to ../gone.ply, where nothing is"), "{outcome}");
+        assert!(outcome.messages.contains("c.ply: a link to ../gone.ply, which leads to nothing"), "{outcome}");
         let outcome = folder.glint(["info", "tiles"]);
         assert!(outcome.status == Some(2) && outcome.messages.contains("c.ply"), "a tile is missed: {outcome}");
-        assert!(outcome.messages.contains("c.ply: a link to ../gone.ply, where nothing is"), "{outcome}");
+        assert!(outcome.messages.contains("c.ply: a link to ../gone.ply, which leads to nothing"), "{outcome}");
     }
 }
 
