@@ -13,6 +13,12 @@ pub struct PassTime {
 }
 
 impl PassTime {
+    /// The milliseconds of all passes of one stage.
+    pub fn of_stage(passes: &[Self], stage: PassStage) -> f64 {
+        // The sum of nothing begins with a negative zero.
+        passes.iter().filter(|pass| pass.stage == stage).fold(0.0, |sum, pass| sum + pass.milliseconds)
+    }
+
     /// Whether the pass draws the shadow maps of lamps, which stand until what they show changes.
     pub fn is_of_lamps(&self) -> bool {
         self.name == "shadow_maps"

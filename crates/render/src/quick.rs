@@ -1,9 +1,9 @@
 //! The picture while something moves, where the adapter is a processor: every pixel of the picture and as many points as
 //! its time allows, computed without the GPU's passes.
 //!
-//! Where points are few, each is drawn as a disc (exact.rs). Else each point is put once into a pyramid of
-//! cells (levels.rs), at the level whose cells are a quarter to half as wide as its splat, so a point costs the same
-//! however large its splat is. Each pixel then looks up the few points around it (look_up.rs).
+//! Where points are few, each is drawn as a disc (exact.rs). Else each point is put once into a pyramid of cells
+//! (levels.rs), at the level whose cells are a quarter to half as wide as its splat, so a point costs the same however large
+//! its splat is. Each pixel then looks up the few points around it (look_up.rs).
 //! Schuetz et al. 2021 splat points with one atomic minimum each, as here; docs/performance.md has the times.
 
 mod exact;

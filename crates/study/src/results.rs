@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
 
 use param::Choice as _;
-use render::{FrameStats, PassStage, PassTime};
+use render::{FrameStats, PassStage};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::estimate::{Estimate, EstimatedPercentiles};
@@ -27,12 +27,6 @@ pub const STILL_WORSE_DELTA_E: &str = "still_worse_delta_e";
 pub const STILL_PIXELS: &str = "still_pixel_error_p95";
 /// The time that `auto` was to keep to, in milliseconds.
 pub const TARGET_MS: &str = "target_ms";
-
-/// The time of all passes of one stage of a frame, in milliseconds.
-pub fn stage_ms(passes: &[PassTime], stage: PassStage) -> f64 {
-    // The sum of nothing begins with a negative zero.
-    passes.iter().filter(|pass| pass.stage == stage).fold(0.0, |sum, pass| sum + pass.milliseconds)
-}
 
 /// A figure that is measured for a setting.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use render::{FrameStats, PassStage};
+use render::{FrameStats, PassStage, PassTime};
 use scene::Settings;
 use serde_json::json;
 use study::Accuracy;
@@ -60,7 +60,7 @@ impl Tuning {
 
 /// The milliseconds of a frame and of the passes that find the points that mirrors show.
 pub fn times(stats: &FrameStats) -> [f64; 2] {
-    [stats.frame_milliseconds, study::results::stage_ms(&stats.passes, PassStage::Method)]
+    [stats.frame_milliseconds, PassTime::of_stage(&stats.passes, PassStage::Method)]
 }
 
 /// The median of the frame times and of the method times.

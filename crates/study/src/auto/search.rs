@@ -41,12 +41,6 @@ fn telling(times: &[f64], expected: f64) -> Option<usize> {
 /// Methods whose passes are known to take so many times what those of an exact one take are not tried.
 const SLOW: f64 = 1.5;
 
-/// The milliseconds of the passes that find reflections.
-fn of_method(stats: &FrameStats) -> f64 {
-    let passes = stats.passes.iter().filter(|pass| pass.stage == PassStage::Method);
-    passes.map(|pass| pass.milliseconds).sum()
-}
-
 /// Adds to the passes of a frame those of `base` that drew the shadow maps with which the frame was drawn: those of lamps,
 /// or of virtual lights, if it drew none of its own. A frame without virtual lights has no maps of them.
 fn add_standing_maps(passes: &mut Vec<PassTime>, base: &[PassTime], has_virtual_lights: bool) {
@@ -190,7 +184,7 @@ impl Search<'_, '_, '_> {
             Ok(stats)
         };
         let mut stats = match is_of_method {
-            true => self.told(draw, of_method, times)?,
+            true => self.told(draw, |stats| PassTime::of_stage(&stats.passes, PassStage::Method), times)?,
             false => self.told(draw, |_| 0.0, (0.0, f64::INFINITY))?,
         };
         add_standing_maps(&mut stats.passes, &trial.passes, stats.virtual_lights > 0);
