@@ -1,12 +1,12 @@
 //! The picture while something moves, where the adapter is a processor: every pixel of the picture and as many points as
 //! its time allows, computed without the GPU's passes.
 //!
-//! Where points are few, each is drawn as a disc (exact.rs). Else each point is put once into a pyramid of cells
+//! Where points are few, each is drawn as a disc (discs.rs). Else each point is put once into a pyramid of cells
 //! (levels.rs), at the level whose cells are a quarter to half as wide as its splat, so a point costs the same however large
 //! its splat is. Each pixel then looks up the few points around it (look_up.rs).
 //! Schuetz et al. 2021 splat points with one atomic minimum each, as here; docs/performance.md has the times.
 
-mod exact;
+mod discs;
 mod levels;
 mod light;
 mod look_up;
@@ -64,12 +64,12 @@ pub struct Detail {
     pub coarseness: u32,
     /// Clouds of up to so many points in all, if none is left out and their splats cover few pixels, are drawn as discs; else
     /// points go into cells.
-    pub most_exact: u64,
+    pub most_as_discs: u64,
 }
 
 impl Detail {
     /// So many points on 0.24 million pixels take up to twice as long as discs as in cells.
-    pub const MOST_EXACT: u64 = 1 << 17;
+    pub const MOST_AS_DISCS: u64 = 1 << 17;
 }
 
 impl QuickPicture {
@@ -116,9 +116,9 @@ impl QuickPicture {
         let pieces: Vec<Piece<'_>> = chunks.iter().map(|chunk| Piece::new(chunk, &view)).collect();
         let points_drawn = chunks.iter().map(|chunk| chunk.points.len().div_ceil(step) as u64).sum();
         // All points count, and not those in the view alone, so that a turn of the camera changes nothing.
-        let is_few = step == 1 && store.points() <= detail.most_exact;
+        let is_few = step == 1 && store.points() <= detail.most_as_discs;
         let largest = settings.splat.max_pixels.max(settings.splat.rest_pixels) / detail.coarseness as f32;
-        let splats = if is_few { exact::splats(&pieces, &view, largest) } else { Vec::new() };
+        let splats = if is_few { discs::splats(&pieces, &view, largest) } else { Vec::new() };
         if splats.is_empty() {
             self.levels.begin(size);
             splat::put_all(&pieces, &view, &self.levels);

@@ -14,9 +14,9 @@ use scene::{Camera, Settings};
 use stage::Stage;
 
 const SIZE: [u32; 2] = [200, 150];
-const ALL: Detail = Detail { most_points: None, coarseness: 1, most_exact: 0 };
+const ALL: Detail = Detail { most_points: None, coarseness: 1, most_as_discs: 0 };
 /// Points as discs, and in cells.
-const BOTH_WAYS: [Detail; 2] = [Detail { most_exact: u64::MAX, ..ALL }, ALL];
+const BOTH_WAYS: [Detail; 2] = [Detail { most_as_discs: u64::MAX, ..ALL }, ALL];
 
 fn random(seed: u64) -> f64 {
     hash(seed) as f64 / u64::MAX as f64
@@ -388,7 +388,7 @@ fn the_point_under_a_pixel_of_a_quick_picture_is_that_of_the_picture_at_rest() {
             let place = cloud.chunks[0].position(picked.index);
             let own = (camera().view_from_world() * (place - camera().eye)).z;
             // Of a splat that is drawn as a disc, the depth is that of the disc at the pixel.
-            let off = if way.most_exact > 0 { 0.05 } else { 1e-5 };
+            let off = if way.most_as_discs > 0 { 0.05 } else { 1e-5 };
             assert!((own / f64::from(picked.linear_depth) - 1.0).abs() < off, "{picked:?} is {own} m away");
             count += 1;
         }
@@ -431,27 +431,38 @@ fn few_splats_are_drawn_as_the_discs_that_they_are_at_rest() {
     let mut stage = stage_or_skip!();
     let cloud = discs();
     let camera = Camera::from_eye(DVec3::ZERO, DVec3::X * 5.0, DVec3::Z);
-    for projection in ["perspective", "orthographic"] {
-        let settings = settings(&[("view.projection", projection), ("light.by", "colors"), ("edl.strength", "0")]);
+    let usual = [("view.projection", "perspective"), ("splat.quality", "high"), ("splat.depth_offset", "1")];
+    let others = [("view.projection", "orthographic"), ("splat.quality", "nearest"), ("splat.depth_offset", "0.1")];
+    let mut pictures = Vec::new();
+    for changed in 0..4 {
+        let mut values = vec![("light.by", "colors"), ("edl.strength", "0")];
+        values.extend((0..3).map(|index| if index + 1 == changed { others[index] } else { usual[index] }));
+        let settings = settings(&values);
         let store = store(&stage, &cloud, &settings);
         let rest = still(&mut stage, &store, &camera, &settings);
         let mut quick = QuickPicture::default();
-        let [exact, cells] = BOTH_WAYS.map(|way| {
+        let [discs, cells] = BOTH_WAYS.map(|way| {
             quick.draw(&store, &camera, &settings, SIZE, way, Known::default());
-            difference(&quick.take_rows().tight(), &rest)
+            quick.take_rows().tight()
         });
-        assert!(exact < 1.5 && cells > 3.0 * exact, "{projection}: {exact} of 255 and {cells} in cells");
+        let [of_discs, of_cells] = [&discs, &cells].map(|picture| difference(picture, &rest));
+        assert!(of_discs < 1.5 && of_cells > 3.0 * of_discs, "{values:?}: {of_discs} of 255 and {of_cells} in cells");
+        pictures.push((discs, rest));
     }
+    // By the usual settings they would not be within that bound of pictures at rest by others.
+    let of_usual = [2, 3].map(|changed| difference(&pictures[0].0, &pictures[changed].1));
+    println!("off by {of_usual:?} of 255 by the usual settings");
+    assert!(of_usual.iter().all(|off| *off > 1.5), "{of_usual:?}");
 }
 
 #[test]
 fn splats_that_are_many_large_or_long_go_into_cells() {
     let stage = stage_or_skip!();
     let camera = Camera::from_eye(DVec3::ZERO, DVec3::X * 5.0, DVec3::Z);
-    let way = |cloud: &Cloud, size: [u32; 2], splat_size: &str, most_exact: u64| {
+    let way = |cloud: &Cloud, size: [u32; 2], splat_size: &str, most_as_discs: u64| {
         let settings = settings(&[("light.by", "colors"), ("splat.size", splat_size)]);
         let store = store(&stage, cloud, &settings);
-        let detail = Detail { most_exact, ..ALL };
+        let detail = Detail { most_as_discs, ..ALL };
         QuickPicture::default().draw(&store, &camera, &settings, size, detail, Known::default()).passes[0].name
     };
     let round = discs();

@@ -302,7 +302,7 @@ impl MovingPictures {
         }
         self.trail.go_to(request.camera, Instant::now());
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
-        let detail = Detail { most_points, coarseness: divisor, most_exact: Detail::MOST_EXACT };
+        let detail = Detail { most_points, coarseness: divisor, most_as_discs: Detail::MOST_AS_DISCS };
         let known = Known { light, mirrors: shown };
         let mut stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
         stats.reflected = mirrors.map(|mirrors| mirrors.share);

@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use scene::Settings;
 
-use super::exact::{self, Splat};
+use super::discs::{self, Splat};
 use super::levels::{EMPTY, IN_FRONT, LEVELS, Levels, NEARER, Sides, depth_of, identity_of};
 use super::light::{self, Known, Lit};
 use super::splat::{Disc, NO_DISC, Piece, View};
@@ -268,8 +268,8 @@ impl Pixels {
         let width = view.size[0] as usize;
         let mut keys = std::mem::take(&mut self.keys);
         keys.resize(width * view.size[1] as usize, EMPTY);
-        let rows = self.rows(view, exact::BAND).zip(keys.par_chunks_mut(width * exact::BAND));
-        exact::draw(splats, view, rows, |((depths, colors), keys), seen| {
+        let rows = self.rows(view, discs::BAND).zip(keys.par_chunks_mut(width * discs::BAND));
+        discs::draw(splats, view, rows, |((depths, colors), keys), seen| {
             for (place, seen) in seen.iter().enumerate() {
                 keys[place] = seen.key;
                 (depths[place / width * (width + 2) + place % width + 1], colors[place]) = seen.mean();

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use cloud::{ShownPoints, stretch_ratio, unpack_normal, unpack_radius};
 use glam::{DMat3, DVec3, Mat3, Vec3, Vec4};
 use rayon::prelude::*;
-use scene::Settings;
+use scene::{Quality, Settings};
 
 use super::levels::{Levels, key_of, level_of};
 use super::paint::Paint;
@@ -32,6 +32,8 @@ pub struct View {
     least: f32,
     most: f32,
     hides_backs: bool,
+    /// So many radii behind the nearest splat of a pixel, others are mixed with it; `None` shows it alone.
+    pub mixed_behind: Option<f32>,
 }
 
 impl View {
@@ -53,6 +55,7 @@ impl View {
             least: splat.min_pixels,
             most: splat.max_pixels.max(splat.min_pixels),
             hides_backs: !splat.back_faces,
+            mixed_behind: (splat.quality == Quality::High).then_some(splat.depth_offset),
         }
     }
 

@@ -101,7 +101,8 @@ pub fn splats(pieces: &[Piece<'_>], view: &View, largest: f32) -> Vec<Splat> {
     if pixels > MOST_PIXELS || long * FEW > splats.len() { Vec::new() } else { splats }
 }
 
-/// What a pixel shows: the mean of the splats that are no farther behind the nearest one than their radius.
+/// What a pixel shows: the mean of the splats that are no farther behind the nearest one than the depth offset, or that
+/// one alone.
 #[derive(Clone, Copy)]
 pub struct Seen {
     /// The key of the nearest one.
@@ -115,6 +116,15 @@ pub struct Seen {
 const NOTHING: Seen = Seen { key: EMPTY, weight: 0.0, depth: 0.0, color: Vec4::ZERO };
 
 impl Seen {
+    /// Adds a splat, if it is seen here.
+    #[inline(always)]
+    fn add(&mut self, is_seen: bool, depth: f32, square: f32, color: Vec4) {
+        let weight = if is_seen { LEAST_WEIGHT + 1.0 - square } else { 0.0 };
+        self.weight += weight;
+        self.depth += if is_seen { weight * depth } else { 0.0 };
+        self.color += weight * color;
+    }
+
     /// The depth, which is infinite where nothing is seen, and the colour.
     pub fn mean(&self) -> (f32, [u8; 4]) {
         if self.key == EMPTY {
@@ -145,24 +155,28 @@ pub fn draw<Rows: Send>(
         let bottom = height.min(top + BAND) - 1;
         let mut seen = vec![NOTHING; width * (bottom + 1 - top)];
         let (top, bottom) = (top as i32, bottom as i32);
+        let key = |splat: &Splat, depth, square| key_of(depth + RIM * splat.radius * square, splat.identity);
         for splat in &splats {
             splat.cover(top, bottom, view, |place, is_covered, depth, square| {
-                let key = key_of(depth + RIM * splat.radius * square, splat.identity);
                 let nearest = &mut seen[place].key;
-                *nearest = (*nearest).min(if is_covered { key } else { EMPTY });
+                *nearest = (*nearest).min(if is_covered { key(splat, depth, square) } else { EMPTY });
             });
         }
         for splat in &splats {
             let [red, green, blue, kind] = splat.disc.color;
             let color = Vec4::from([red, green, blue, u8::from(kind != MIRROR)].map(f32::from));
-            splat.cover(top, bottom, view, |place, is_covered, depth, square| {
-                let pixel = &mut seen[place];
-                let is_seen = is_covered & (depth <= depth_of(pixel.key) + splat.radius);
-                let weight = if is_seen { LEAST_WEIGHT + 1.0 - square } else { 0.0 };
-                pixel.weight += weight;
-                pixel.depth += if is_seen { weight * depth } else { 0.0 };
-                pixel.color += weight * color;
-            });
+            match view.mixed_behind {
+                Some(radii) => splat.cover(top, bottom, view, |place, is_covered, depth, square| {
+                    let pixel = &mut seen[place];
+                    let is_near = depth <= depth_of(pixel.key) + radii * splat.radius;
+                    pixel.add(is_covered & is_near, depth, square, color);
+                }),
+                None => splat.cover(top, bottom, view, |place, is_covered, depth, square| {
+                    let pixel = &mut seen[place];
+                    let is_nearest = key(splat, depth, square) == pixel.key;
+                    pixel.add(is_covered & is_nearest, depth, square, color);
+                }),
+            }
         }
         put(rows, &seen);
     });
