@@ -179,6 +179,9 @@ impl Group {
                 return Err(at(&[place, key], text));
             }
         }
+        if let Some(key) = self.sweep.keys().find(|key| self.set.contains_key(*key)) {
+            return Err(at(&["set", key], format!("{key}: the group sweeps it, expected one value or a sweep")));
+        }
         let mut longest = Vec::new();
         for (key, sweep) in &self.sweep {
             let values = sweep_length(sweep).map_err(|text| at(&["sweep", key], format!("{key}: {text}")))?;

@@ -107,6 +107,10 @@ fn what_is_wrong_is_told_with_its_line() {
         "[group.sweep]\n\"splat.size\" = [1]\n\"sscr.solver\" = [\"newtn\"]",
         "plan.toml:7: sscr.solver: `newtn` is none of",
     );
+    refused(
+        "set = { \"splat.size\" = 1.0 }\nsweep = { \"splat.size\" = [1, 2] }",
+        "plan.toml:5: splat.size: the group sweeps it, expected one value or a sweep",
+    );
     refused("sweep = { \"splat.size\" = [] }", "plan.toml:5: splat.size: the list is empty");
     refused("sweep = { \"splat.size\" = [1, 1] }", "plan.toml:5: splat.size: the value 1 occurs twice");
     refused("sweep = { \"splat.size\" = 1 }", "plan.toml:5: splat.size: expected a list, or a range");
