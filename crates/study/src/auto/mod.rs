@@ -30,7 +30,7 @@ use self::changes::{
     squares_of, without_dominated,
 };
 pub use self::changes::{KnownErrors, may_change};
-use self::search::{Drawn, Search, Trial, is_no_choice, slow};
+use self::search::{Drawn, Search, Unchanged, is_no_choice, slow};
 use crate::cost::{CostModel, Costs, Workload};
 use crate::still::{Shown, Still, StillError, Target, drawn_size, judging_settings};
 
@@ -294,8 +294,8 @@ impl Explored {
             false => search.base_of_small(&self.base, &of_small, small)?,
         };
         let (base, work, squares) = (&self.base, &self.work, squares_of(&error));
-        let trial = Trial { base, work, still: &of_small, size: small, squares, passes };
-        let changes = search.measured(&trial, &self.changes, exact)?;
+        let unchanged = Unchanged { settings: base, work, still: &of_small, size: small, squares, passes };
+        let changes = search.measured(&unchanged, &self.changes, exact)?;
         let (error, still, milliseconds) = match size == small {
             true => (error, of_small, milliseconds),
             false => {

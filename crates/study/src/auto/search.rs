@@ -54,8 +54,8 @@ fn add_standing_maps(passes: &mut Vec<PassTime>, base: &[PassTime], has_virtual_
 }
 
 /// The still picture in the size in which changes are tried, and what is known of the picture before any change.
-pub struct Trial<'a> {
-    pub base: &'a Settings,
+pub struct Unchanged<'a> {
+    pub settings: &'a Settings,
     /// What a frame of the whole picture does.
     pub work: &'a Workload,
     pub still: &'a Still,
@@ -166,10 +166,10 @@ impl Search<'_, '_, '_> {
         &mut self,
         change: &Change,
         settings: &Settings,
-        trial: &Trial<'_>,
+        unchanged: &Unchanged<'_>,
         times: (f64, f64),
     ) -> anyhow::Result<StillError> {
-        let (size, is_of_method) = (drawn_size(trial.size, settings), change.is_of_method());
+        let (size, is_of_method) = (drawn_size(unchanged.size, settings), change.is_of_method());
         let mut has_own_maps = false;
         let draw = |search: &mut Self| {
             // After a frame for which shaders were compiled, the maps that it drew are drawn again to be timed. Those of a
@@ -187,29 +187,34 @@ impl Search<'_, '_, '_> {
             true => self.told(draw, |stats| PassTime::of_stage(&stats.passes, PassStage::Method), times)?,
             false => self.told(draw, |_| 0.0, (0.0, f64::INFINITY))?,
         };
-        add_standing_maps(&mut stats.passes, &trial.passes, stats.virtual_lights > 0);
+        add_standing_maps(&mut stats.passes, &unchanged.passes, stats.virtual_lights > 0);
         self.learn(&stats, settings, size);
-        Ok(trial.still.error(self.hands.renderer, self.camera, settings, size)?)
+        Ok(unchanged.still.error(self.hands.renderer, self.camera, settings, size)?)
     }
 
     /// Draws a small picture for each change, and returns what the changes add to the squares of the errors. What needs no
     /// other shadow maps is drawn with those of the frame before. A method that takes no longer than its known time is
     /// drawn once. Methods that are [`slow`] beside `exact`, which makes no error, are left out.
-    pub fn measured(&mut self, trial: &Trial<'_>, changes: &[Change], exact: Method) -> anyhow::Result<Vec<Change>> {
-        let Trial { base, work, squares: of_base, .. } = trial;
-        let small = small_work(base, work, trial.size);
+    pub fn measured(
+        &mut self,
+        unchanged: &Unchanged<'_>,
+        changes: &[Change],
+        exact: Method,
+    ) -> anyhow::Result<Vec<Change>> {
+        let Unchanged { settings: base, work, squares: of_base, .. } = unchanged;
+        let small = small_work(base, work, unchanged.size);
         let mut traced = (*base).clone();
         traced.reflection.method = exact;
         let mut measured = Vec::new();
         for change in changes {
             let (settings, costs) = (change.of(base), self.local.costs());
-            if slow(&costs, (base, work), exact, trial.size)(change) {
+            if slow(&costs, (base, work), exact, unchanged.size)(change) {
                 continue;
             }
             let time =
                 |settings: &Settings| costs.predict_stage(PassStage::Method, &small.with(base, settings), settings);
             let times = (time(&settings).unwrap_or(0.0), time(&traced).unwrap_or(f64::INFINITY));
-            let own = match (settings != **base).then(|| self.tried(change, &settings, trial, times)) {
+            let own = match (settings != **base).then(|| self.tried(change, &settings, unchanged, times)) {
                 Some(Ok(error)) => squares_of(&error),
                 Some(Err(error)) if is_no_choice(&error) => continue,
                 Some(Err(error)) => return Err(error),
