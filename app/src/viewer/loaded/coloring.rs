@@ -41,11 +41,14 @@ impl Loaded {
             if entry.figures_basis.as_ref() != Some(&basis) && !is_dragged {
                 entry.figures_under_way = true;
                 let (key, cloud, up) = (entry.key, entry.cloud.clone(), entry.up);
-                let is_same =
-                    |old: &Basis| old.color == basis.color && old.test == basis.test && old.columns == basis.columns;
-                let same_color = entry.figures_basis.as_ref().is_some_and(is_same);
-                // The ramp of a streamed cloud must not change with the points that happen to be loaded.
-                let kept = entry.figures.as_ref().filter(|_| same_color && entry.is_indexed());
+                // The ramp of a streamed cloud must not change with the points that happen to be loaded. A catalogue has
+                // figures of its first tiles while others are opened.
+                let is_lasting = |old: &Basis| {
+                    let is_whole = old.is_read || !entry.is_catalogue();
+                    is_whole && old.color == basis.color && old.test == basis.test && old.columns == basis.columns
+                };
+                let lasts = entry.is_indexed() && entry.figures_basis.as_ref().is_some_and(is_lasting);
+                let kept = entry.figures.as_ref().filter(|_| lasts);
                 let kept = kept.cloned().map(Box::new);
                 beside.outside.work(Work::FindFigures { key, cloud, basis, up, kept });
             }

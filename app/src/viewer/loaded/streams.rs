@@ -138,14 +138,24 @@ impl Loaded {
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
         let clouds: Vec<_> = streaming().map(|job| (self.hidden(job), self.placed(job))).collect();
+        let waits: Vec<bool> = streaming().map(|job| self.has_first_tiles(job)).collect();
         let jobs = self.jobs.iter_mut().filter(|job| job.has_streamed);
-        for (job, ((hidden, placed), share)) in jobs.zip(clouds.into_iter().zip(shares(&demands))) {
+        for ((job, waits), ((hidden, placed), share)) in jobs.zip(waits).zip(clouds.into_iter().zip(shares(&demands))) {
             let (view, stream, mirrors) = (view.clone(), stream.clone(), mirrors.clone());
             let (test, asked) = (test.clone(), asked.clone());
             job.share = share;
+            if waits {
+                continue;
+            }
             let view = StreamView { camera, size, view, stream, mirrors, hidden, placed, test, asked, share, is_alone };
             job.look = job.mailbox.set_view(view);
         }
+    }
+
+    /// Whether the tiles of a catalogue are opened from which its colours, light and the first camera come, wherever the view
+    /// is.
+    fn has_first_tiles(&self, job: &JobEntry) -> bool {
+        self.clouds.iter().any(|entry| job.owns(entry.key) && entry.is_catalogue() && !entry.is_read)
     }
 
     /// The names of the attributes that the colours and filters of the scene ask for. Points of streamed clouds become no
@@ -283,6 +293,7 @@ mod tests {
     use super::*;
     use crate::viewer::bench::devices;
     use crate::viewer::objects::Marking;
+    use crate::viewer::objects::figures::Figures;
     use crate::viewer::picture::messages::{Command, PickPurpose, PickedPoint, Report};
     use crate::viewer::requests::outside::Effect;
     use crate::viewer::requests::preferences::Preferences;
@@ -503,6 +514,58 @@ mod tests {
         }
         session.with_loaded(|loaded, beside| loaded.on_loading(0, Event::Finished, beside));
         assert!(session.loaded.jobs.is_empty() && session.loaded.clouds.len() == 1);
+    }
+
+    #[test]
+    fn ramp_and_camera_of_a_catalogue_are_those_of_its_first_look_and_not_of_the_tiles_that_come_first() {
+        let mut session = streamed();
+        let tiles = |numbers: std::ops::Range<u32>| {
+            let mut catalogue = octree();
+            catalogue.paged.tiles = numbers.map(|tile| (tile, Arc::new(octree()))).collect();
+            let (octree, attributes) = (Arc::new(catalogue), session.loaded.clouds[0].cloud.attributes.clone());
+            let entry = None;
+            let pages =
+                IndexState::Indexed { octree, attributes, grid: GRID, was_built: false, has_surfels: true, entry };
+            Event::Pages { cloud: 0, pages }
+        };
+        let (first, all) = (tiles(0..1), tiles(0..2));
+        let put = |session: &mut Session, tile: u32, places: &[f32]| {
+            let (part, chunk) = (Part::Tile(tile, NodeId(0)), chunk(u64::from(tile) * 8, places));
+            session.with_loaded(|loaded, beside| {
+                loaded.on_loading(0, Event::Chunk { cloud: 0, part, chunk }, beside);
+                loaded.look_around(beside);
+            });
+        };
+        let found = |session: &mut Session| {
+            session.with_loaded(Loaded::renew_figures);
+            for effect in std::mem::take(&mut session.outside.effects) {
+                if let Effect::Work(Work::FindFigures { key, cloud, basis, up, kept }) = effect {
+                    let new = Figures::of(&cloud, &basis.color, &basis.test, up);
+                    let figures = kept.map_or(new, |kept| kept.recounted(&cloud, &basis.test, up));
+                    session.on_found(Found::Figures { key, basis, figures: Box::new(figures) });
+                }
+            }
+            let figures = session.loaded.clouds[0].figures.as_ref().unwrap();
+            (figures.bounds.max.x, figures.plan.full_range.1)
+        };
+        drop_chunk(&mut session, 0);
+        session.scene.settings.set_text("color.by", "height").unwrap();
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, first, beside));
+        put(&mut session, 0, &[1.0, 2.0]);
+        assert_eq!(found(&mut session), (2.0, 2.0));
+        session.with_loaded(|loaded, beside| loaded.on_loading(0, all, beside));
+        put(&mut session, 1, &[6.0, 7.0]);
+        assert_eq!(session.loaded.jobs[0].look, 0, "no view is asked for before the first look is whole");
+        session.with_loaded(|loaded, beside| {
+            loaded.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() }, beside);
+            loaded.look_around(beside);
+        });
+        assert!(session.loaded.jobs[0].look > 0);
+        assert_eq!(found(&mut session), (7.0, 7.0));
+        // What a view shows changes them no more.
+        put(&mut session, 0, &[1.0, 2.0, 8.0]);
+        settle(&mut session);
+        assert_eq!(found(&mut session), (7.0, 7.0));
     }
 
     #[test]

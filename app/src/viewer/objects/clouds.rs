@@ -160,6 +160,11 @@ impl CloudEntry {
         self.octree().is_some()
     }
 
+    /// True if the tiles of a streamed cloud are opened as they are needed.
+    pub fn is_catalogue(&self) -> bool {
+        self.octree().is_some_and(|octree| !octree.paged.tiles.is_empty())
+    }
+
     /// The column that the cloud's colours still lack, and the file to read it from.
     pub fn column_to_read(&self, figures: &Figures) -> Option<(usize, Arc<codec::Source>)> {
         let source = self.source.clone().filter(|_| self.streamed.is_none())?;
