@@ -96,6 +96,19 @@ fn encoded(part: &str) -> String {
     part.bytes().map(byte).collect()
 }
 
+/// A part of an address with the bytes that its escapes stand for; `None` if it has none.
+pub fn decoded(part: &str) -> Option<String> {
+    let mut bytes = Vec::with_capacity(part.len());
+    let mut rest = part.as_bytes();
+    while let [byte, more @ ..] = rest {
+        let digits = more.first_chunk::<2>().filter(|digits| *byte == b'%' && digits.iter().all(u8::is_ascii_hexdigit));
+        let escaped = digits.and_then(|digits| u8::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok());
+        bytes.push(escaped.unwrap_or(*byte));
+        rest = if escaped.is_some() { &more[2..] } else { more };
+    }
+    String::from_utf8(bytes).ok().filter(|decoded| decoded != part)
+}
+
 /// The file of this name in the folder of another one, or what lies beside an address.
 pub fn beside(path: &Path, name: &str) -> PathBuf {
     let address = is_address(path).then(|| Address::parse(&path.to_string_lossy()).ok()).flatten();
@@ -130,6 +143,15 @@ mod tests {
         assert_eq!(address.text(), "https://host.org:8443/a%20b/c.laz?key=1");
         for text in ["https://", "https:///path", "ftp://a/b", "https://user:secret@host/a", "https://a b/c"] {
             assert!(Address::parse(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn escapes_stand_for_bytes() {
+        for (part, expected) in
+            [("a%20b%23%C3%a4", Some("a b#ä")), ("a%2", None), ("%+1", None), ("%ff", None), ("", None)]
+        {
+            assert_eq!(decoded(part).as_deref(), expected, "{part}");
         }
     }
 

@@ -1,7 +1,7 @@
 //! Catalogues of tiles (VPC, virtual point clouds): STAC item collections, as QGIS, PDAL and `glint index --catalogue` write
 //! them. Each item has a box, a number of points, and a reference to a file or an address.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::fmt;
 use std::io::Write as _;
 use std::path::{Component, Path, PathBuf};
@@ -12,7 +12,7 @@ use serde::de::{Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
 
-use crate::address::{Address, is_address, last_part};
+use crate::address::{Address, decoded, is_address, last_part};
 use crate::brief;
 use crate::bytes::Bytes;
 use crate::info::{Info, are_other_systems};
@@ -33,6 +33,8 @@ pub struct Entry {
     pub points: Option<u64>,
     /// The box of its points in the coordinates of the file, if it is given and believable.
     pub bounds: Option<Bounds>,
+    /// Whether further items name the same file.
+    pub is_repeated: bool,
 }
 
 #[derive(Deserialize)]
@@ -199,24 +201,35 @@ pub fn read(file: &Bytes) -> Result<Vec<Entry>> {
         let kind = brief::brief(&told.kind);
         return Err(fail("catalogue".into(), format!("a `{kind}`, expected a FeatureCollection")));
     }
-    let mut known = HashSet::new();
-    let mut entries = Vec::new();
+    let mut known = HashMap::new();
+    let mut entries: Vec<Entry> = Vec::new();
     for (number, item) in told.features.0.into_iter().enumerate() {
         let place = format!("item {number}");
         let reference =
             item.assets.0.ok_or_else(|| fail(place.clone(), "no reference to a file (assets, data, href)".into()))?;
         let own = resolved(path, &reference).map_err(|problem| fail(place, problem))?;
-        if known.insert(own.clone()) {
-            let Properties { count, bounds: Numbers(ends) } = item.properties;
-            // A number of points that is none is 0, which no tile is believed to have.
-            let points = count.0.first().map(|count| *count as u64);
-            entries.push(Entry { path: own, points, bounds: bounds(ends) });
+        let place = *known.entry(own.clone()).or_insert(entries.len());
+        if let Some(entry) = entries.get_mut(place) {
+            entry.is_repeated = true;
+            continue;
         }
+        let Properties { count, bounds: Numbers(ends) } = item.properties;
+        // A number of points that is none is 0, which no tile is believed to have.
+        let points = count.0.first().map(|count| *count as u64);
+        entries.push(Entry { path: own, points, bounds: bounds(ends), is_repeated: false });
     }
     if entries.is_empty() {
         return Err(Error::unsuitable(path, "a catalogue without tiles"));
     }
     Ok(entries)
+}
+
+/// What is to be said of the files that several items of a catalogue name.
+pub fn repeated(entries: &[Entry]) -> Option<String> {
+    let mut repeated = entries.iter().filter(|entry| entry.is_repeated);
+    let (first, more) = (last_part(&repeated.next()?.path), repeated.count());
+    let more = if more == 0 { String::new() } else { format!(" and {more} other tiles") };
+    Some(format!("the catalogue names {first}{more} more than once; each is shown once"))
 }
 
 /// A box of six numbers.
@@ -253,7 +266,7 @@ pub fn entry_of(path: &Path) -> Option<Entry> {
     let corner = |start: usize| DVec3::from([0, 16, 32].map(|axis| f64::from_le_bytes(eight(start + axis))));
     let bounds = Bounds { min: corner(GREATEST + 8), max: corner(GREATEST) };
     let points = Some(u64::from_le_bytes(eight(POINTS)));
-    Some(Entry { path: path.to_owned(), points, bounds: is_believable(&bounds).then_some(bounds) })
+    Some(Entry { path: path.to_owned(), points, bounds: is_believable(&bounds).then_some(bounds), is_repeated: false })
 }
 
 fn is_believable(bounds: &Bounds) -> bool {
@@ -270,7 +283,12 @@ fn resolved(catalogue: &Path, reference: &str) -> std::result::Result<PathBuf, S
     if is_address(Path::new(reference)) {
         return Ok(reference.into());
     }
-    Ok(catalogue.parent().unwrap_or(Path::new("")).join(reference.strip_prefix("./").unwrap_or(reference)))
+    let folder = catalogue.parent().unwrap_or(Path::new(""));
+    let own = |reference: &str| folder.join(reference.strip_prefix("./").unwrap_or(reference));
+    let plain = own(reference);
+    // Many programs write names as they are, others as STAC has them: as parts of an address.
+    let decoded = decoded(reference).map(|decoded| own(&decoded)).filter(|decoded| !plain.exists() && decoded.exists());
+    Ok(decoded.unwrap_or(plain))
 }
 
 /// What is written of a tile.
@@ -413,5 +431,7 @@ fn reference(path: &Path, folder: &Path) -> String {
         .map(|part| part.to_string_lossy().into_owned())
         .collect();
     let parts: Vec<&str> = up.chain(down.iter().map(String::as_str)).collect();
-    format!("./{}", parts.join("/"))
+    // What would end the name in an address, or begin an escape there. Other programs read the rest as it is.
+    let path = parts.join("/").replace('%', "%25").replace('#', "%23").replace('?', "%3F");
+    format!("./{path}")
 }

@@ -30,7 +30,9 @@ mod units;
 
 pub use address::{beside, is_address, last_part};
 pub use bytes::{Bytes, NamedFile};
-pub use catalogue::{Entry as CatalogueEntry, Tile as CatalogueTile, entry_of, tiles_of, write_catalogue};
+pub use catalogue::{
+    Entry as CatalogueEntry, Tile as CatalogueTile, entry_of, repeated as repeated_tiles, tiles_of, write_catalogue,
+};
 pub use error::{Error, Result, why_unwritten};
 pub use export::{Added, ExportFormat, Exported, Runs, Wanted, export, export_chunks, missing_points, short_file_name};
 pub use format::Format;

@@ -87,7 +87,11 @@ fn open_tiles(catalogue: &Bytes, memory: u64) -> Result<Vec<Source>> {
         }
     }
     match (sources.first_mut(), first_error) {
-        (Some(first), _) => first.info_mut().lost = param::few(lost, "tiles that are missing"),
+        (Some(first), _) => {
+            let info = first.info_mut();
+            info.lost = param::few(lost, "tiles that are missing");
+            info.warnings.extend(catalogue::repeated(&entries));
+        }
         (None, Some(error)) => return Err(error),
         (None, None) => {}
     }

@@ -3,8 +3,12 @@
 
 #[path = "../../../tests/src/real_data.rs"]
 mod real_data;
+#[path = "../../../tests/src/server.rs"]
+#[allow(dead_code, reason = "other tests use all of it")]
+mod server;
 
 use std::fs;
+use std::io::Write as _;
 use std::path::Path;
 
 use cloud::{Bounds, Progress};
@@ -144,4 +148,66 @@ fn a_tile_has_its_box_in_degrees_for_other_programs_and_in_its_own_coordinates()
     let text = |item: &serde_json::Value| item["properties"]["proj:wkt2"].as_str().map(|text| text[..7].to_owned());
     assert_eq!((text(placed), text(own)), (Some("PROJCS[".into()), None), "a name is no text");
     assert_eq!([placed, own].map(|item| item["id"].as_str().unwrap()), ["b", "b.ply"]);
+}
+
+#[test]
+fn tiles_with_signs_of_addresses_in_their_names_are_found_on_disk_and_on_a_server() {
+    let folder = tempfile::tempdir().unwrap();
+    let head = "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n";
+    let names: &[&str] = match cfg!(windows) {
+        true => &["area x.ply", "area%20x.ply", "tile #1.ply", "tile #2.ply", "50%.ply", "plan ä.ply"],
+        false => &["area x.ply", "area%20x.ply", "tile #1.ply", "tile #2.ply", "what?.ply", "50%.ply", "plan ä.ply"],
+    };
+    let paths: Vec<_> = names.iter().map(|name| folder.path().join(name)).collect();
+    for (number, path) in paths.iter().enumerate() {
+        fs::write(path, format!("{head}end_header\n{number} 0 0\n")).unwrap();
+    }
+    let sources: Vec<Source> = paths.iter().map(|path| codec::open(path).unwrap()).collect();
+    let bounds = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
+    let tile = |source| CatalogueTile { info: Source::info(source), points: 1, bounds };
+    let output = folder.path().join("all.vpc");
+    codec::write_catalogue(&sources.iter().map(tile).collect::<Vec<_>>(), &output).unwrap();
+    let places = |path: &Path| -> Vec<f64> {
+        let opened = codec::open_scans(path, MEMORY).unwrap();
+        assert!(opened.iter().all(|source| source.info().warnings.is_empty() && source.info().lost.is_empty()));
+        opened.iter().map(|own| codec::bounds_of(own, &Progress::default()).unwrap().unwrap().min.x).collect()
+    };
+    let expected: Vec<f64> = (0..names.len()).map(|number| number as f64).collect();
+    assert_eq!(places(&output), expected);
+    // A server that takes names from addresses, as servers do.
+    let root = folder.path().to_owned();
+    let server = server::Server::new(move |request, stream| {
+        let path = request.path.split('?').next().unwrap_or_default().trim_start_matches('/');
+        let mut bytes = path.bytes();
+        let mut name = Vec::new();
+        while let Some(byte) = bytes.next() {
+            let mut digit = || char::from(bytes.next().unwrap()).to_digit(16).unwrap() as u8;
+            name.push(if byte == b'%' { digit() * 16 + digit() } else { byte });
+        }
+        let file = fs::read(root.join(String::from_utf8(name).unwrap()));
+        let (status, file) = file.map_or(("404 No", Vec::new()), |file| ("200 OK", file));
+        write!(stream, "HTTP/1.1 {status}\r\ncontent-length: {}\r\n\r\n", file.len())?;
+        stream.write_all(&file)
+    });
+    let address = server.path("all.vpc");
+    codec::trust_address(&address);
+    assert_eq!(places(&address), expected);
+    // Catalogues of other programs and of versions before have names as they are.
+    let item = |name: &str| format!(r#"{{"assets":{{"data":{{"href":"./{name}"}}}}}}"#);
+    let items: Vec<String> = names.iter().map(|name| item(name)).collect();
+    let text = format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, items.join(","));
+    fs::write(folder.path().join("plain.vpc"), text).unwrap();
+    assert_eq!(places(&folder.path().join("plain.vpc")), expected);
+}
+
+#[test]
+fn a_tile_that_is_named_twice_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("all.vpc");
+    write(folder.path(), &output);
+    let text = fs::read_to_string(&output).unwrap().replace("./b.ply", "./tiles/a.ply");
+    fs::write(&output, text).unwrap();
+    let opened = codec::open_scans(&output, MEMORY).unwrap();
+    let told = opened[0].info().warnings.join("\n");
+    assert!(opened.len() == 1 && told.contains("names a.ply more than once"), "{told}");
 }

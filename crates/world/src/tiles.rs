@@ -172,7 +172,7 @@ pub(crate) struct Tiles {
 }
 
 impl Tile {
-    fn of(CatalogueEntry { path, points, bounds }: CatalogueEntry) -> Option<Self> {
+    fn of(CatalogueEntry { path, points, bounds, .. }: CatalogueEntry) -> Option<Self> {
         let is_copc = codec::last_part(&path).to_ascii_lowercase().ends_with(".copc.laz");
         let points = points.filter(|points| *points > 0 && is_copc)?;
         let is_near = |place: DVec3| place.abs().max_element() < FARTHEST;
@@ -218,10 +218,12 @@ impl Tiles {
     /// The tiles of a catalogue or a folder whose boxes, numbers of points and names of COPC files are known; `None` for all
     /// other inputs, which are opened before anything is shown.
     pub(crate) fn of(input: &Input, cloud: usize, settings: &Settings, also: BTreeSet<String>) -> Option<Self> {
-        let (path, tiles) = Self::listed(input, settings)?;
+        let (path, tiles, repeated) = Self::listed(input, settings)?;
         // Attributes and units are those of one tile until the others are open.
         let model = tiles.iter().take(TRIED).find_map(|tile| open_tile(&tile.path, settings).ok())?;
-        Some(Self::new(cloud, path, tiles, model, settings, also))
+        let mut own = Self::new(cloud, path, tiles, model, settings, also);
+        own.problems.extend(repeated.map(|repeated| format!("{}: {repeated}", own.input)));
+        Some(own)
     }
 
     /// Whether the files of an input are such tiles.
@@ -229,7 +231,8 @@ impl Tiles {
         Self::listed(input, settings).is_some()
     }
 
-    fn listed<'a>(input: &'a Input, settings: &Settings) -> Option<(&'a Path, Vec<Tile>)> {
+    /// The path of an input, its tiles, and what is to be said of them.
+    fn listed<'a>(input: &'a Input, settings: &Settings) -> Option<(&'a Path, Vec<Tile>, Option<String>)> {
         if settings.stream.pages == Paging::Never {
             return None;
         }
@@ -241,8 +244,9 @@ impl Tiles {
             }
             _ => return None,
         };
+        let repeated = codec::repeated_tiles(&entries);
         let tiles: Vec<Tile> = entries.into_iter().map(Tile::of).collect::<Option<_>>()?;
-        (tiles.len() > 1).then_some((path, tiles))
+        (tiles.len() > 1).then_some((path, tiles, repeated))
     }
 
     fn new(
