@@ -1,8 +1,9 @@
 //! Files of servers, fetched in blocks as they are needed, to a cache on disk.
 //!
-//! A file is the one that was opened: each answer has its stamp (length, ETag, time of change), or the read fails. The cache
-//! keeps blocks under address and stamp. An opening asks the server whether the file still has that stamp; a block of an
-//! earlier run is used if its checksum is right. A file without ETag and time of change is kept for one opening only.
+//! A file is the one that was opened: each answer has its stamp (length, ETag, time of change), or the read fails; so it does
+//! where a weak ETag is another one. The cache keeps blocks under address and stamp. An opening asks the server whether the
+//! file still has that stamp; a block of an earlier run is used if its checksum is right. A file without a sure ETag and time
+//! of change is kept for one opening only.
 
 mod kept;
 mod network;
@@ -12,7 +13,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crate::address::Address;
 use crate::at_once::at_once;
@@ -40,6 +41,8 @@ pub struct Remote {
     path: PathBuf,
     address: Address,
     stamp: Stamp,
+    /// The weak ETag of the first answer that has one.
+    weak: OnceLock<String>,
     disk: Disk,
     kept: Option<Kept>,
     state: Mutex<State>,
@@ -124,7 +127,9 @@ impl Remote {
         };
         let state = Mutex::new(State { unchecked, ..State::default() });
         let disk = Disk::new(file);
-        let remote = Self { path: path.to_owned(), address, stamp, disk, kept, state, changed: Condvar::new() };
+        let weak = answer.as_ref().map(|answer| answer.weak.clone()).filter(|weak| !weak.is_empty());
+        let weak = weak.map_or_else(OnceLock::new, OnceLock::from);
+        let remote = Self { path: path.to_owned(), address, stamp, weak, disk, kept, state, changed: Condvar::new() };
         if let Some(answer) = answer {
             if answer.range.end - answer.range.start > FIRST {
                 remote.check_length()?;
@@ -295,7 +300,8 @@ impl Remote {
     fn fetch_piece(&self, blocks: Range<u64>) -> io::Result<()> {
         let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(self.length());
         let mut filler = Filler { remote: self, block: blocks.start, bytes: Vec::with_capacity(BLOCK as usize) };
-        let part = request::part(&self.address, range, &self.stamp, &mut |at, bytes| filler.give(at, bytes));
+        let give = &mut |at, bytes: &[u8]| filler.give(at, bytes);
+        let part = request::part(&self.address, range, &self.stamp, &self.weak, give);
         part.map_err(io::Error::other)
     }
 

@@ -465,3 +465,33 @@ fn a_tile_of_an_ept_that_is_not_there_is_missed_and_the_others_are_read() {
     let told = summary.warnings.join("\n");
     assert!(told.contains("below node 2-2-2-1 is missing") && told.contains("no such file on the server"), "{told}");
 }
+
+/// A file of as many points as asked for, 12 bytes each, all of them at this place on each axis.
+fn ply(points: usize, place: f32) -> Vec<u8> {
+    let head = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {points}\nproperty float x\nproperty float y\n\
+         property float z\nend_header\n"
+    );
+    head.into_bytes().into_iter().chain(std::iter::repeat_n(place.to_le_bytes(), 3 * points).flatten()).collect()
+}
+
+/// Sends the part of a file that is asked for, with these further lines of the head.
+fn send_part(file: &[u8], lines: &str, request: &Request, stream: &mut TcpStream) -> std::io::Result<()> {
+    let last = file.len() as u64 - 1;
+    let (first, end) = request.range().map_or((0, last), |(first, end)| (first, end.min(last)));
+    let (total, count) = (file.len(), end + 1 - first);
+    let head = format!("206 Part\r\ncontent-range: bytes {first}-{end}/{total}\r\n{lines}content-length: {count}");
+    write!(stream, "HTTP/1.1 {head}\r\n\r\n")?;
+    stream.write_all(&file[first as usize..=end as usize])
+}
+
+#[test]
+fn a_file_whose_weak_tag_changes_is_not_mixed_with_what_was_there() {
+    let files = [ply(300_000, 1.0), ply(300_000, 2.0)];
+    let server = Server::new(move |request, stream| {
+        let version = usize::from(request.number > 2);
+        send_part(&files[version], &format!("etag: W/\"{version}\"\r\n"), request, stream)
+    });
+    let told = message(&server.path("a.ply"));
+    assert!(told.contains("has changed since it was opened"), "{told}");
+}

@@ -48,6 +48,8 @@ impl Stamp {
 /// An answer whose head was checked.
 pub struct Answer {
     pub stamp: Stamp,
+    /// The ETag if it is a weak one. The same one does not tell that all bytes are the same, but another one that they are not.
+    pub weak: String,
     /// The bytes of the file that follow; all of them if the server does not give parts.
     pub range: Range<u64>,
     body: Body,
@@ -117,14 +119,16 @@ pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Res
         match answer.status().as_u16() {
             304 if known.is_some() => Ok(First::Unchanged),
             416 => {
-                Ok(First::Answer(Answer { range: 0..0, stamp: stamp(answer.headers(), 0), body: answer.into_body() }))
+                let headers = answer.headers();
+                let (stamp, weak) = (stamp(headers, 0), weak(headers));
+                Ok(First::Answer(Answer { stamp, weak, range: 0..0, body: answer.into_body() }))
             }
             _ => checked(answer, most.map(|most| 0..most), None).map(First::Answer),
         }
     })
 }
 
-/// Asks for a part of a file, whose bytes `give` gets.
+/// Asks for a part of a file, whose bytes `give` gets. `weak` is the weak ETag of earlier answers, if they had one.
 ///
 /// # Errors
 /// Says why it cannot be had; if the file has changed.
@@ -132,12 +136,16 @@ pub fn part(
     address: &Address,
     range: Range<u64>,
     stamp: &Stamp,
+    weak: &OnceLock<String>,
     give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>,
 ) -> Result<(), String> {
     repeated(address, || {
         let headers = [("range", format!("bytes={}-{}", range.start, range.end - 1))];
         let answer = sent(address, &headers, range.end - range.start)?;
         let answer = checked(answer, Some(range.clone()), Some(stamp))?;
+        if !answer.weak.is_empty() && *weak.get_or_init(|| answer.weak.clone()) != answer.weak {
+            return Err(Failure::Final(CHANGED.into()));
+        }
         if answer.range != range {
             return Err(Failure::Final("the server gives no parts of files any more".into()));
         }
@@ -257,11 +265,11 @@ fn checked(answer: Response<Body>, wanted: Option<Range<u64>>, known: Option<&St
         }
         (status, _) => return Err(Failure::Final(format!("the server answers with status {status}"))),
     };
-    let stamp = stamp(headers, total);
+    let (stamp, weak) = (stamp(headers, total), weak(headers));
     if known.is_some_and(|known| *known != stamp) {
         return Err(Failure::Final(CHANGED.into()));
     }
-    Ok(Answer { stamp, range, body: answer.into_body() })
+    Ok(Answer { stamp, weak, range, body: answer.into_body() })
 }
 
 /// The part that an answer says it is, and the length of the whole.
@@ -274,9 +282,16 @@ fn content_range(text: &str) -> Option<(Range<u64>, u64)> {
 }
 
 fn stamp(headers: &HeaderMap, length: u64) -> Stamp {
-    // A weak ETag does not tell bytes apart.
-    let etag = Some(text(headers, "etag")).filter(|etag| !etag.starts_with("W/")).unwrap_or_default();
+    let etag = Some(text(headers, "etag")).filter(|etag| !is_weak(etag)).unwrap_or_default();
     Stamp { length, etag, modified: text(headers, "last-modified") }
+}
+
+fn weak(headers: &HeaderMap) -> String {
+    Some(text(headers, "etag")).filter(|etag| is_weak(etag)).unwrap_or_default()
+}
+
+fn is_weak(etag: &str) -> bool {
+    etag.starts_with("W/")
 }
 
 fn text(headers: &HeaderMap, name: &str) -> String {
