@@ -13,7 +13,7 @@ use std::fs;
 use std::io::Write as _;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use cloud::{Chunk, Progress};
@@ -494,4 +494,29 @@ fn a_file_whose_weak_tag_changes_is_not_mixed_with_what_was_there() {
     });
     let told = message(&server.path("a.ply"));
     assert!(told.contains("has changed since it was opened"), "{told}");
+}
+
+#[test]
+fn a_part_that_was_cut_goes_on_where_it_was_cut() {
+    let file = ply(80_000, 1.0);
+    let length = file.len() as u64;
+    let sent = Arc::new(AtomicU64::new(0));
+    let own = sent.clone();
+    let server = Server::new(move |request, stream| {
+        let (first, end) = request.range().unwrap_or((0, length - 1));
+        let end = end.min(length - 1);
+        let count = end + 1 - first;
+        // Nine tenths come of each answer but the last ones.
+        let now = if count > 10_000 { count * 9 / 10 } else { count };
+        write!(
+            stream,
+            "HTTP/1.1 206 Part\r\netag: \"1\"\r\ncontent-range: bytes {first}-{end}/{length}\r\n\
+             content-length: {count}\r\n\r\n"
+        )?;
+        stream.write_all(&file[first as usize..(first + now) as usize])?;
+        own.fetch_add(now, Ordering::Relaxed);
+        if now < count { Err(std::io::Error::other("cut")) } else { Ok(()) }
+    });
+    assert_eq!(points(&open(&server.path("a.ply")).unwrap()).len(), 80_000);
+    assert!(sent.load(Ordering::Relaxed) < length + (64 << 10), "{} of {length}", sent.load(Ordering::Relaxed));
 }

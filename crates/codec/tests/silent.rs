@@ -6,14 +6,25 @@
 mod server;
 
 use std::io::Write as _;
-use std::time::Duration;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use server::Server;
 
+fn use_network() {
+    codec::use_network(codec::Network { silence: Duration::from_secs(2), ..Default::default() }).unwrap();
+}
+
+/// The address of a file, as if a person had typed it.
+fn typed(server: &Server, name: &str) -> PathBuf {
+    use_network();
+    let path = server.path(name);
+    codec::trust_address(&path);
+    path
+}
+
 #[test]
 fn a_server_that_falls_silent_is_asked_twice_again_and_then_left_alone() {
-    let silence = Duration::from_secs(2);
-    codec::use_network(codec::Network { silence, ..Default::default() }).unwrap();
     let server = Server::new(|request, stream| {
         let (first, last) = request.range().unwrap_or_default();
         let head = format!("content-range: bytes {first}-{last}/1000000\r\ncontent-length: {}", last + 1 - first);
@@ -22,13 +33,50 @@ fn a_server_that_falls_silent_is_asked_twice_again_and_then_left_alone() {
         std::thread::sleep(Duration::from_secs(10));
         Ok(())
     });
-    let path = server.path("a.ply");
-    codec::trust_address(&path);
+    let path = typed(&server, "a.ply");
     let message = || codec::open(&path).err().unwrap().to_string();
     let told = message();
-    assert!(told.contains("the server is silent, or too slow (waited 2 times for 2 s)"), "{told}");
+    assert!(told.contains("the server is silent, or too slow (waited 2 times, 4 s in all)"), "{told}");
     let asked = server.requests();
     let told = message();
     // Each node of a cloud would wait as long.
     assert!(told.contains("silent a moment ago") && server.requests() == asked, "{told}");
+}
+
+/// The first line of an answer with all of a file of this length.
+const HEAD: &str = "HTTP/1.1 200 OK\r\nlast-modified: Mon, 30 Nov 2026 10:00:00 GMT\r\n";
+
+#[test]
+fn a_file_may_come_as_slowly_as_it_likes() {
+    let points = 3300;
+    let head = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {points}\nproperty float x\nproperty float y\n\
+         property float z\nend_header\n"
+    );
+    let file: Vec<u8> = head.into_bytes().into_iter().chain(std::iter::repeat_n(0, 12 * points)).collect();
+    let server = Server::new(move |_, stream| {
+        write!(stream, "{HEAD}content-length: {}\r\n\r\n", file.len())?;
+        for piece in file.chunks(600) {
+            stream.write_all(piece)?;
+            std::thread::sleep(Duration::from_millis(500));
+        }
+        Ok(())
+    });
+    let opened = codec::open(&typed(&server, "a.ply"));
+    assert_eq!(opened.unwrap().info().points, points as u64);
+    assert_eq!(server.requests(), 1);
+}
+
+#[test]
+fn a_server_that_sends_a_byte_now_and_then_is_too_slow() {
+    let server = Server::new(move |_, stream| {
+        write!(stream, "{HEAD}content-length: 1000000\r\n\r\n")?;
+        loop {
+            stream.write_all(b"a")?;
+            std::thread::sleep(Duration::from_millis(500));
+        }
+    });
+    let began = Instant::now();
+    let told = codec::open(&typed(&server, "a.ply")).err().unwrap().to_string();
+    assert!(told.contains("silent, or too slow") && began.elapsed().as_secs() < 25, "{told}, {:?}", began.elapsed());
 }

@@ -21,8 +21,9 @@ use crate::address::Address;
 pub const CHANGED: &str = "the file on the server has changed since it was opened; open it again";
 /// The number of addresses that one request may be sent on to.
 const MOST_REDIRECTS: usize = 5;
-/// The rate in bytes a second that an answer needs at least.
-const LEAST_RATE: u64 = 8 << 10;
+/// The rate in bytes a second that an answer needs at least once it has taken as long as some silences.
+const LEAST_RATE: u64 = 64;
+const MOST_PATIENCE: u32 = 3;
 /// How often a server that is silent is asked for a part, and how long it is left alone after that: many parts are asked
 /// for, and each would wait anew.
 const MOST_SILENCES: usize = 2;
@@ -79,6 +80,7 @@ impl Answer {
         let mut reader = self.body.as_reader();
         let mut piece = vec![0; 64 << 10];
         let mut at = self.range.start;
+        let began = Instant::now();
         while at < self.range.end {
             let wanted = piece.len().min((self.range.end - at) as usize);
             match reader.read(&mut piece[..wanted]) {
@@ -89,6 +91,10 @@ impl Answer {
                 Ok(count) => {
                     give(at, &piece[..count]).map_err(|error| Failure::Final(error.to_string()))?;
                     at += count as u64;
+                    let due = Duration::from_secs((at - self.range.start) / LEAST_RATE);
+                    if began.elapsed() > network().silence * MOST_PATIENCE + due {
+                        return Err(Failure::Silent);
+                    }
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(of_reading(&error)),
@@ -115,7 +121,7 @@ pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Res
                 true => headers.push(("if-modified-since", known.modified.clone())),
             }
         }
-        let answer = sent(address, &headers, most.unwrap_or(u64::MAX))?;
+        let answer = sent(address, &headers)?;
         match answer.status().as_u16() {
             304 if known.is_some() => Ok(First::Unchanged),
             416 => {
@@ -139,17 +145,23 @@ pub fn part(
     weak: &OnceLock<String>,
     give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>,
 ) -> Result<(), String> {
+    let mut from = range.start;
     repeated(address, || {
-        let headers = [("range", format!("bytes={}-{}", range.start, range.end - 1))];
-        let answer = sent(address, &headers, range.end - range.start)?;
-        let answer = checked(answer, Some(range.clone()), Some(stamp))?;
+        // What came before an answer was cut is there.
+        let wanted = from..range.end;
+        let headers = [("range", format!("bytes={}-{}", wanted.start, wanted.end - 1))];
+        let answer = sent(address, &headers)?;
+        let answer = checked(answer, Some(wanted.clone()), Some(stamp))?;
         if !answer.weak.is_empty() && *weak.get_or_init(|| answer.weak.clone()) != answer.weak {
             return Err(Failure::Final(CHANGED.into()));
         }
-        if answer.range != range {
+        if answer.range != wanted {
             return Err(Failure::Final("the server gives no parts of files any more".into()));
         }
-        answer.read(give)
+        answer.read(&mut |at, bytes| {
+            from = at + bytes.len() as u64;
+            give(at, bytes)
+        })
     })
 }
 
@@ -163,8 +175,9 @@ fn repeated<T>(address: &Address, mut work: impl FnMut() -> Result<T, Failure>) 
         return Err("the server was silent a moment ago, and is not asked yet".into());
     }
     let waits = network().waits;
-    let mut silences = 0;
+    let (mut silences, mut waited) = (0, Duration::ZERO);
     for wait in waits.iter().map(Some).chain([None]) {
+        let began = Instant::now();
         match (work(), wait) {
             (Ok(done), _) => {
                 silent().remove(server);
@@ -175,15 +188,18 @@ fn repeated<T>(address: &Address, mut work: impl FnMut() -> Result<T, Failure>) 
                 return Err(format!("{problem} (tried {})", times(waits.len() + 1)));
             }
             (Err(Failure::Again(_)), Some(wait)) => std::thread::sleep(Duration::from_millis(*wait)),
-            (Err(Failure::Silent), _) => silences += 1,
+            (Err(Failure::Silent), _) => {
+                silences += 1;
+                waited += began.elapsed();
+            }
         }
         if silences == MOST_SILENCES {
             silent().insert(server.clone(), Instant::now() + LEFT_ALONE);
             break;
         }
     }
-    let (waited, seconds) = (times(silences), network().silence.as_secs());
-    Err(format!("the server is silent, or too slow (waited {waited} for {seconds} s)"))
+    let (count, seconds) = (times(silences), waited.as_secs());
+    Err(format!("the server is silent, or too slow (waited {count}, {seconds} s in all)"))
 }
 
 /// How often something was done.
@@ -192,12 +208,10 @@ fn times(count: usize) -> String {
 }
 
 /// Sends a request and follows where it is sent on to.
-fn sent(address: &Address, headers: &[(&str, String)], expected: u64) -> Result<Response<Body>, Failure> {
+fn sent(address: &Address, headers: &[(&str, String)]) -> Result<Response<Body>, Failure> {
     let mut address = address.clone();
     for _ in 0..=MOST_REDIRECTS {
-        let seconds = 30 + expected.min(1 << 40) / LEAST_RATE;
-        let mut request =
-            agent().get(address.text()).config().timeout_recv_body(Some(Duration::from_secs(seconds))).build();
+        let mut request = agent().get(address.text());
         for (name, value) in headers {
             request = request.header(*name, value);
         }
