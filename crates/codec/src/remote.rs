@@ -22,7 +22,7 @@ use kept::{BLOCK, Kept};
 use network::network;
 pub use network::{Network, trust_address, use_network};
 pub use request::Stamp;
-use request::{Answer, First};
+use request::{Answer, Failure, First};
 
 /// The bytes that the first request of a file asks for: most heads are shorter.
 const FIRST: u64 = BLOCK;
@@ -47,6 +47,8 @@ pub struct Remote {
     kept: Option<Kept>,
     state: Mutex<State>,
     changed: Condvar,
+    /// Held while the whole file comes although a part was asked for.
+    whole: Mutex<()>,
 }
 
 #[derive(Default)]
@@ -129,12 +131,12 @@ impl Remote {
         let disk = Disk::new(file);
         let weak = answer.as_ref().map(|answer| answer.weak.clone()).filter(|weak| !weak.is_empty());
         let weak = weak.map_or_else(OnceLock::new, OnceLock::from);
-        let remote = Self { path: path.to_owned(), address, stamp, weak, disk, kept, state, changed: Condvar::new() };
-        if let Some(answer) = answer {
-            if answer.range.end - answer.range.start > FIRST {
-                remote.check_length()?;
-            }
-            remote.fill(answer)?;
+        let (path, changed, whole) = (path.to_owned(), Condvar::new(), Mutex::default());
+        let remote = Self { path, address, stamp, weak, disk, kept, state, changed, whole };
+        match answer.map_or(Ok(()), |answer| remote.take(answer)) {
+            // What is missing is asked for again when it is read.
+            Ok(()) | Err(Failure::Again(_) | Failure::Silent) => {}
+            Err(Failure::Final(problem)) => return Err(io::Error::other(problem)),
         }
         Ok(remote)
     }
@@ -300,16 +302,29 @@ impl Remote {
     fn fetch_piece(&self, blocks: Range<u64>) -> io::Result<()> {
         let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(self.length());
         let mut filler = Filler { remote: self, block: blocks.start, bytes: Vec::with_capacity(BLOCK as usize) };
+        let mut take_whole = |answer: Answer| {
+            // Several pieces are asked for at once, and one answer has them all.
+            let _alone = self.whole.lock().unwrap_or_else(PoisonError::into_inner);
+            let state = self.lock();
+            if blocks.clone().all(|block| state.has(block)) {
+                return Ok(());
+            }
+            drop(state);
+            self.take(answer)
+        };
         let give = &mut |at, bytes: &[u8]| filler.give(at, bytes);
-        let part = request::part(&self.address, range, &self.stamp, &self.weak, give);
+        let part = request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole);
         part.map_err(io::Error::other)
     }
 
-    /// Writes what the first answer brings.
-    fn fill(&self, answer: Answer) -> io::Result<()> {
+    /// Writes what an answer brings that is not a part of a known file.
+    fn take(&self, answer: Answer) -> Result<(), Failure> {
         let range = answer.range.clone();
-        let mut filler = Filler { remote: self, block: range.start / BLOCK, bytes: Vec::with_capacity(BLOCK as usize) };
         let total = range.end - range.start;
+        if total > FIRST {
+            self.check_length().map_err(|error| Failure::Final(error.to_string()))?;
+        }
+        let mut filler = Filler { remote: self, block: range.start / BLOCK, bytes: Vec::with_capacity(BLOCK as usize) };
         let mut report = 0;
         let read = answer.read(&mut |at, bytes| {
             filler.give(at, bytes)?;
@@ -321,15 +336,10 @@ impl Remote {
             }
             Ok(())
         });
-        match read {
-            Ok(()) => Ok(()),
-            // What is missing is asked for again when it is read.
-            Err(request::Failure::Again(_) | request::Failure::Silent) => Ok(()),
-            Err(request::Failure::Final(problem)) => {
-                (network().watch)(&self.path, total, total);
-                Err(io::Error::other(problem))
-            }
+        if total > LEAST {
+            (network().watch)(&self.path, total, total);
         }
+        read
     }
 }
 

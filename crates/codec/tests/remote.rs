@@ -485,6 +485,14 @@ fn send_part(file: &[u8], lines: &str, request: &Request, stream: &mut TcpStream
     stream.write_all(&file[first as usize..=end as usize])
 }
 
+/// Sends a whole file, or its first bytes alone, whatever part is asked for.
+fn send_all(file: &[u8], sent: usize, stream: &mut TcpStream) -> std::io::Result<()> {
+    let modified = "last-modified: Mon, 30 Nov 2026 10:00:00 GMT";
+    write!(stream, "HTTP/1.1 200 OK\r\n{modified}\r\ncontent-length: {}\r\n\r\n", file.len())?;
+    stream.write_all(&file[..sent.min(file.len())])?;
+    if sent < file.len() { Err(std::io::Error::other("cut")) } else { Ok(()) }
+}
+
 #[test]
 fn a_file_whose_weak_tag_changes_is_not_mixed_with_what_was_there() {
     let files = [ply(300_000, 1.0), ply(300_000, 2.0)];
@@ -494,6 +502,27 @@ fn a_file_whose_weak_tag_changes_is_not_mixed_with_what_was_there() {
     });
     let told = message(&server.path("a.ply"));
     assert!(told.contains("has changed since it was opened"), "{told}");
+}
+
+#[test]
+fn a_server_without_parts_is_read_from_the_start_after_a_cut() {
+    let file = ply(100_000, 1.0);
+    let is_bad = Arc::new(AtomicBool::new(true));
+    let now = is_bad.clone();
+    let server = Server::new(move |request, stream| {
+        if request.header("if-modified-since").is_some() {
+            return write!(stream, "HTTP/1.1 304 Not Modified\r\n\r\n");
+        }
+        send_all(&file, if now.load(Ordering::Relaxed) { 500_000 } else { usize::MAX }, stream)
+    });
+    let path = server.path("a.ply");
+    let told = message(&path);
+    assert!(told.contains("the answer was cut"), "{told}");
+    is_bad.store(false, Ordering::Relaxed);
+    let before = server.requests();
+    assert_eq!(points(&open(&path).unwrap()).len(), 100_000);
+    // One answer brings all of it, whoever asks for a part meanwhile.
+    assert!(server.requests() - before <= 5, "{} requests", server.requests() - before);
 }
 
 #[test]

@@ -134,7 +134,8 @@ pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Res
     })
 }
 
-/// Asks for a part of a file, whose bytes `give` gets. `weak` is the weak ETag of earlier answers, if they had one.
+/// Asks for a part of a file, whose bytes `give` gets. `weak` is the weak ETag of earlier answers, if they had one. An answer
+/// that brings the whole file instead goes to `take_whole`.
 ///
 /// # Errors
 /// Says why it cannot be had; if the file has changed.
@@ -144,6 +145,7 @@ pub fn part(
     stamp: &Stamp,
     weak: &OnceLock<String>,
     give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>,
+    take_whole: &mut dyn FnMut(Answer) -> Result<(), Failure>,
 ) -> Result<(), String> {
     let mut from = range.start;
     repeated(address, || {
@@ -156,7 +158,7 @@ pub fn part(
             return Err(Failure::Final(CHANGED.into()));
         }
         if answer.range != wanted {
-            return Err(Failure::Final("the server gives no parts of files any more".into()));
+            return take_whole(answer);
         }
         answer.read(&mut |at, bytes| {
             from = at + bytes.len() as u64;
