@@ -140,6 +140,26 @@ fn an_address_is_told_of_like_a_file() {
 }
 
 #[test]
+fn a_server_that_fails_while_a_file_is_read_is_told_by_the_status() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let name = "lone_star_las14_pf6.copc.laz";
+    let served = folder.path("served");
+    std::fs::create_dir(&served).expect("a folder");
+    let own = served.join(name);
+    std::fs::copy(data.join("copc").join(name), &own).expect("a copy");
+    // The head, the list of nodes and some points come before the file goes.
+    let server = Server::of_folder_after(&served, Habits::default(), move |request| {
+        if request.number > 5 {
+            let _ = std::fs::remove_file(&own);
+        }
+    });
+    let outcome = folder.glint(["info", "--scan", &text(&server.path(name))]);
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    assert!(outcome.messages.contains("points of the inputs cannot be read"), "{outcome}");
+}
+
+#[test]
 fn a_scene_file_does_not_lead_to_a_private_server() {
     let folder = Folder::new();
     let server = Server::new(|_, _| Ok(()));

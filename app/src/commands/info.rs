@@ -232,8 +232,9 @@ fn file_report(path: &Path, scan: bool) -> codec::Result<FileReport> {
     for (number, source) in sources.iter().enumerate() {
         let summary = found.read(source, total)?;
         points += summary.points;
-        // A file that ends early has what its report says; a tile that cannot be read is a file of its own.
-        if source.info().format == codec::Format::Ept {
+        // A file that ends early has what its report says; a tile that cannot be read is a file of its own, and a server that
+        // fails has more than it sends.
+        if source.info().format == codec::Format::Ept || source.bytes().has_failed() {
             report.missing += summary.missing;
         }
         bounds = bounds.union(summary.bounds.unwrap_or(Bounds::EMPTY));

@@ -236,6 +236,11 @@ impl Bytes {
         matches!(self.place, Place::Remote(_))
     }
 
+    /// Whether a server has failed to send some of it.
+    pub fn has_failed(&self) -> bool {
+        matches!(&self.place, Place::Remote(remote) if remote.has_failed())
+    }
+
     /// What tells the file at an address from others that were or will be there; `None` for files, and where the server
     /// sends nothing of the kind.
     pub fn remote_identity(&self) -> Option<String> {

@@ -211,6 +211,11 @@ impl Remote {
         is_any
     }
 
+    /// Whether some bytes could not be fetched.
+    pub fn has_failed(&self) -> bool {
+        self.lock().has_failed
+    }
+
     fn check_length(&self) -> io::Result<()> {
         let (length, limit) = (self.length(), network().limit);
         if length > limit {
