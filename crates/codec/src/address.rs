@@ -53,13 +53,24 @@ impl Address {
         format!("{scheme}://{}{}{}", self.authority, self.path, self.query)
     }
 
-    /// The address that a reference in a document at this address stands for.
+    /// The address that a reference in a document at this address stands for. It gets the document's query where it has none:
+    /// keys open what lies beside a document, too.
     ///
     /// # Errors
     /// If it is one of another kind than http and https.
     pub fn joined(&self, reference: &str) -> Result<Self, String> {
-        let has_scheme = reference.split(['/', '?', '#']).next().is_some_and(|first| first.contains(':'));
-        if has_scheme {
+        let own = self.sent_on(reference)?;
+        let is_beside = !has_scheme(reference) && !reference.starts_with("//");
+        let query = if is_beside && own.query.is_empty() { self.query.clone() } else { own.query };
+        Ok(Self { query, ..own })
+    }
+
+    /// The address that a server sends on to from this one, by RFC 3986, section 5.2.
+    ///
+    /// # Errors
+    /// If it is one of another kind than http and https.
+    pub fn sent_on(&self, reference: &str) -> Result<Self, String> {
+        if has_scheme(reference) {
             return Self::parse(reference);
         }
         if let Some(rest) = reference.strip_prefix("//") {
@@ -68,21 +79,38 @@ impl Address {
         }
         let reference = reference.split('#').next().unwrap_or_default();
         let (path, query) = reference.split_at(reference.find('?').unwrap_or(reference.len()));
-        let folder =
-            if path.starts_with('/') { "" } else { self.path.rsplit_once('/').map_or("", |(folder, _)| folder) };
-        let mut parts: Vec<&str> = Vec::new();
-        for part in folder.split('/').chain(path.split('/')).filter(|part| !part.is_empty()) {
-            match part {
-                "." => {}
-                ".." => drop(parts.pop()),
-                part => parts.push(part),
-            }
-        }
-        let path = encoded(&format!("/{}", parts.join("/")));
-        // Keys of a query open what lies beside a document, too.
-        let query = if query.is_empty() { self.query.clone() } else { encoded(query) };
+        let folder = self.path.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let (path, own_query) = match path {
+            "" => (self.path.clone(), self.query.as_str()),
+            path if path.starts_with('/') => (encoded(&without_dots(path)), ""),
+            path => (encoded(&without_dots(&format!("{folder}/{path}"))), ""),
+        };
+        let query = if query.is_empty() { own_query.to_owned() } else { encoded(query) };
         Ok(Self { path, query, ..self.clone() })
     }
+}
+
+fn has_scheme(reference: &str) -> bool {
+    reference.split(['/', '?', '#']).next().is_some_and(|first| first.contains(':'))
+}
+
+/// A path that begins with a slash, without the parts `.` and `..`. Empty parts stay: some servers have them in names.
+fn without_dots(path: &str) -> String {
+    let mut parts: Vec<&str> = Vec::new();
+    let mut rest = path.split('/').skip(1).peekable();
+    while let Some(part) = rest.next() {
+        let is_last = rest.peek().is_none();
+        match part {
+            "." | ".." => {
+                if part == ".." {
+                    parts.pop();
+                }
+                parts.extend(is_last.then_some(""));
+            }
+            part => parts.push(part),
+        }
+    }
+    format!("/{}", parts.join("/"))
 }
 
 /// A part of an address without bytes that have no place there.
@@ -156,6 +184,23 @@ mod tests {
     }
 
     #[test]
+    fn a_server_sends_on_by_the_rules_of_addresses() {
+        let base = Address::parse("https://host/a//b/c?key=1").unwrap();
+        for (reference, expected) in [
+            ("/d/", "https://host/d/"),
+            ("d/", "https://host/a//b/d/"),
+            ("..", "https://host/a//"),
+            ("../../..", "https://host/"),
+            ("./x//y", "https://host/a//b/x//y"),
+            ("?other", "https://host/a//b/c?other"),
+            ("", "https://host/a//b/c?key=1"),
+            ("d?other", "https://host/a//b/d?other"),
+        ] {
+            assert_eq!(base.sent_on(reference).unwrap().text(), expected, "{reference}");
+        }
+    }
+
+    #[test]
     fn references_lead_to_what_lies_beside_a_document() {
         let base = Address::parse("https://host/a/b/c.json?key=1").unwrap();
         for (reference, expected) in [
@@ -165,6 +210,7 @@ mod tests {
             ("/e.laz", "https://host/e.laz?key=1"),
             ("//other/e.laz", "https://other/e.laz"),
             ("http://other/e.laz", "http://other/e.laz"),
+            ("d//e.laz", "https://host/a/b/d//e.laz?key=1"),
         ] {
             assert_eq!(base.joined(reference).unwrap().text(), expected, "{reference}");
         }

@@ -166,6 +166,14 @@ impl Bytes {
         &self.path
     }
 
+    /// What the parts of a cloud that the file names lie beside: its path, or the address that a server has sent on to.
+    pub fn base(&self) -> &Path {
+        match &self.place {
+            Place::Remote(remote) => remote.base(),
+            Place::Disk(..) | Place::Memory(_) => &self.path,
+        }
+    }
+
     /// The length of the file in bytes when it was opened.
     pub fn length(&self) -> u64 {
         self.length

@@ -207,7 +207,7 @@ pub fn read(file: &Bytes) -> Result<Vec<Entry>> {
         let place = format!("item {number}");
         let reference =
             item.assets.0.ok_or_else(|| fail(place.clone(), "no reference to a file (assets, data, href)".into()))?;
-        let own = resolved(path, &reference).map_err(|problem| fail(place, problem))?;
+        let own = resolved(file.base(), &reference).map_err(|problem| fail(place, problem))?;
         let place = *known.entry(own.clone()).or_insert(entries.len());
         if let Some(entry) = entries.get_mut(place) {
             entry.is_repeated = true;

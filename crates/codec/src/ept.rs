@@ -125,10 +125,10 @@ impl EptSource {
         let (corner, width, spacing) = told.cube().map_err(fail)?;
         let most = most_nodes(memory);
         let octree = Copc::of_tiles(corner, width, spacing, most);
-        let first = hierarchy::page(&path, (0, [0; 3]))?;
+        let first = hierarchy::page(file.base(), (0, [0; 3]))?;
         let (octree, warnings) = match first_page(&path, &first, told.points, most_whole, most)? {
             Some(first) => (octree.with_first_page(first), Vec::new()),
-            None => whole_octree(octree, hierarchy::read(&path, first, most)).map_err(fail)?,
+            None => whole_octree(octree, hierarchy::read(file.base(), first, most)).map_err(fail)?,
         };
         let is_paged = !octree.further.is_empty();
         let counted = octree.nodes.iter().map(|node| u64::from(node.points)).sum();
@@ -208,7 +208,7 @@ impl EptSource {
             Some(_) if self.is_compressed => "zst",
             Some(_) => "bin",
         };
-        beside(self.file.path(), &format!("ept-data/{}.{ending}", name((level, cell))))
+        beside(self.file.base(), &format!("ept-data/{}.{ending}", name((level, cell))))
     }
 
     /// The points of a node.
@@ -289,7 +289,7 @@ impl EptSource {
     /// One page of the hierarchy.
     pub fn read_page(&self, page: &CopcPage) -> Result<PageNodes> {
         let top = (page.level, page.cell);
-        let entries = hierarchy::page(self.file.path(), top)?;
+        let entries = hierarchy::page(self.file.base(), top)?;
         let mut found = page_nodes(self.file.path(), top, &entries, self.octree.most_nodes)?;
         found.nodes.iter_mut().for_each(|node| node.bytes = (f64::from(node.points) * self.bytes_each) as u64);
         Ok(found)

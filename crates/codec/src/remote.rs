@@ -40,6 +40,8 @@ const STOPPED: &str = "stopped while it was fetched";
 pub struct Remote {
     path: PathBuf,
     address: Address,
+    /// Where the server sends on to, which is where parts lie beside.
+    base: PathBuf,
     stamp: Stamp,
     /// The weak ETag of the first answer that has one.
     weak: OnceLock<String>,
@@ -109,13 +111,13 @@ impl Remote {
         let known = folder.as_deref().and_then(kept::known);
         let most = if is_small { None } else { Some(FIRST) };
         let first = match before {
-            Some(before) if known.as_ref() == Some(before) => First::Unchanged,
+            Some(before) if known.as_ref() == Some(before) => First::Unchanged(address.clone()),
             _ => request::first(&address, most, known.as_ref()).map_err(io::Error::other)?,
         };
-        let (stamp, answer) = match (first, known) {
-            (First::Unchanged, Some(known)) => (known, None),
-            (First::Unchanged, None) => return Err(io::Error::other("the server says nothing about the file")),
-            (First::Answer(answer), _) => (answer.stamp.clone(), Some(answer)),
+        let (base, stamp, answer) = match (first, known) {
+            (First::Unchanged(base), Some(known)) => (base, known, None),
+            (First::Unchanged(_), None) => return Err(io::Error::other("the server says nothing about the file")),
+            (First::Answer(answer), _) => (answer.address.clone(), answer.stamp.clone(), Some(answer)),
         };
         if before.is_some_and(|before| *before != stamp) {
             return Err(io::Error::other(request::CHANGED));
@@ -131,14 +133,19 @@ impl Remote {
         let disk = Disk::new(file);
         let weak = answer.as_ref().map(|answer| answer.weak.clone()).filter(|weak| !weak.is_empty());
         let weak = weak.map_or_else(OnceLock::new, OnceLock::from);
-        let (path, changed, whole) = (path.to_owned(), Condvar::new(), Mutex::default());
-        let remote = Self { path, address, stamp, weak, disk, kept, state, changed, whole };
+        let (path, base) = (path.to_owned(), base.text().into());
+        let (changed, whole) = (Condvar::new(), Mutex::default());
+        let remote = Self { path, address, base, stamp, weak, disk, kept, state, changed, whole };
         match answer.map_or(Ok(()), |answer| remote.take(answer)) {
             // What is missing is asked for again when it is read.
             Ok(()) | Err(Failure::Again(_) | Failure::Silent) => {}
             Err(Failure::Final(problem)) => return Err(io::Error::other(problem)),
         }
         Ok(remote)
+    }
+
+    pub fn base(&self) -> &Path {
+        &self.base
     }
 
     pub fn length(&self) -> u64 {

@@ -117,14 +117,15 @@ fn open_file(bytes: Bytes, memory: u64) -> Result<Vec<Source>> {
     let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
     let start = &start[..count];
     let is_copc = start.starts_with(b"LASF") && las::is_copc(&bytes);
-    if !is_copc && !ept::is_ept(start, path) {
+    let is_ept = ept::is_ept(start, bytes.base());
+    if !is_copc && !is_ept {
         // All other formats are read from end to end.
         bytes.fetch_all()?;
     }
     if start.starts_with(b"LASF") {
         return Ok(vec![las::LasSource::open(bytes, memory).map(Source::Las)?]);
     }
-    if ept::is_ept(start, path) {
+    if is_ept {
         return Ok(vec![ept::EptSource::open(bytes, memory).map(Source::Ept)?]);
     }
     let file = Arc::new(bytes);

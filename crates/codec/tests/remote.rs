@@ -549,3 +549,28 @@ fn a_part_that_was_cut_goes_on_where_it_was_cut() {
     assert_eq!(points(&open(&server.path("a.ply")).unwrap()).len(), 80_000);
     assert!(sent.load(Ordering::Relaxed) < length + (64 << 10), "{} of {length}", sent.load(Ordering::Relaxed));
 }
+
+#[test]
+fn parts_behind_a_redirect_lie_beside_its_target() {
+    let Some(data) = data() else { return };
+    let root = data.join("ept/1.2-with-color");
+    let server = Server::new(move |request, stream| {
+        let (path, query) = request.path.split_once('?').unwrap_or((&request.path, ""));
+        let target = match (path, query) {
+            ("/short/ept.json", "token=abc") => "/long//1/?token=def",
+            ("/long//1/", "token=def") => "ept.json?token=def",
+            _ => "",
+        };
+        if !target.is_empty() {
+            return write!(stream, "HTTP/1.1 302 Found\r\nlocation: {target}\r\ncontent-length: 0\r\n\r\n");
+        }
+        let name = path.strip_prefix("/long//1/").filter(|_| query == "token=def").unwrap_or("nothing");
+        match fs::read(root.join(name)) {
+            Ok(file) => send_part(&file, "etag: \"1\"\r\n", request, stream),
+            Err(_) => write!(stream, "HTTP/1.1 404 No\r\ncontent-length: 0\r\n\r\n"),
+        }
+    });
+    let expected = points(&codec::open(&data.join("ept/1.2-with-color/ept.json")).unwrap());
+    let source = open(&server.path("short/ept.json?token=abc")).unwrap();
+    assert!(points(&source) == expected);
+}

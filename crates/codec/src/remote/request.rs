@@ -53,14 +53,16 @@ pub struct Answer {
     pub weak: String,
     /// The bytes of the file that follow; all of them if the server does not give parts.
     pub range: Range<u64>,
+    /// Where it comes from, after all that it was sent on to.
+    pub address: Address,
     body: Body,
 }
 
 /// What a first request brings.
 pub enum First {
     Answer(Answer),
-    /// The file is as it was.
-    Unchanged,
+    /// The file is as it was; its address after all that it was sent on to.
+    Unchanged(Address),
 }
 
 /// Why a request has failed: again may help, or not.
@@ -121,15 +123,15 @@ pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Res
                 true => headers.push(("if-modified-since", known.modified.clone())),
             }
         }
-        let answer = sent(address, &headers)?;
+        let (address, answer) = sent(address, &headers)?;
         match answer.status().as_u16() {
-            304 if known.is_some() => Ok(First::Unchanged),
+            304 if known.is_some() => Ok(First::Unchanged(address)),
             416 => {
                 let headers = answer.headers();
                 let (stamp, weak) = (stamp(headers, 0), weak(headers));
-                Ok(First::Answer(Answer { stamp, weak, range: 0..0, body: answer.into_body() }))
+                Ok(First::Answer(Answer { stamp, weak, range: 0..0, address, body: answer.into_body() }))
             }
-            _ => checked(answer, most.map(|most| 0..most), None).map(First::Answer),
+            _ => checked(address, answer, most.map(|most| 0..most), None).map(First::Answer),
         }
     })
 }
@@ -152,8 +154,8 @@ pub fn part(
         // What came before an answer was cut is there.
         let wanted = from..range.end;
         let headers = [("range", format!("bytes={}-{}", wanted.start, wanted.end - 1))];
-        let answer = sent(address, &headers)?;
-        let answer = checked(answer, Some(wanted.clone()), Some(stamp))?;
+        let (address, answer) = sent(address, &headers)?;
+        let answer = checked(address, answer, Some(wanted.clone()), Some(stamp))?;
         if !answer.weak.is_empty() && *weak.get_or_init(|| answer.weak.clone()) != answer.weak {
             return Err(Failure::Final(CHANGED.into()));
         }
@@ -209,8 +211,8 @@ fn times(count: usize) -> String {
     if count == 1 { "once".into() } else { format!("{count} times") }
 }
 
-/// Sends a request and follows where it is sent on to.
-fn sent(address: &Address, headers: &[(&str, String)]) -> Result<Response<Body>, Failure> {
+/// Sends a request and follows where it is sent on to. Returns where the answer comes from, too.
+fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Response<Body>), Failure> {
     let mut address = address.clone();
     for _ in 0..=MOST_REDIRECTS {
         let mut request = agent().get(address.text());
@@ -225,7 +227,7 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<Response<Body>,
         match status {
             301 | 302 | 303 | 307 | 308 => {
                 let target = text(answer.headers(), "location");
-                let next = address.joined(&target).map_err(|problem| {
+                let next = address.sent_on(&target).map_err(|problem| {
                     let target = crate::brief::brief(&target);
                     Failure::Final(format!("the server sends on to `{target}`: {problem}"))
                 })?;
@@ -234,7 +236,7 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<Response<Body>,
                 }
                 address = next;
             }
-            200 | 206 | 304 | 416 => return Ok(answer),
+            200 | 206 | 304 | 416 => return Ok((address, answer)),
             401 | 403 => {
                 let problem =
                     "the server asks for credentials, or does not accept them; GLINT_AUTHORIZATION or --authorization";
@@ -251,7 +253,12 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<Response<Body>,
 }
 
 /// Checks the head of an answer against what was asked for: a `wanted` part, of the file with this stamp.
-fn checked(answer: Response<Body>, wanted: Option<Range<u64>>, known: Option<&Stamp>) -> Result<Answer, Failure> {
+fn checked(
+    address: Address,
+    answer: Response<Body>,
+    wanted: Option<Range<u64>>,
+    known: Option<&Stamp>,
+) -> Result<Answer, Failure> {
     let headers = answer.headers();
     let encoding = text(headers, "content-encoding");
     if !matches!(encoding.to_ascii_lowercase().as_str(), "" | "identity") {
@@ -285,7 +292,7 @@ fn checked(answer: Response<Body>, wanted: Option<Range<u64>>, known: Option<&St
     if known.is_some_and(|known| *known != stamp) {
         return Err(Failure::Final(CHANGED.into()));
     }
-    Ok(Answer { stamp, weak, range, body: answer.into_body() })
+    Ok(Answer { stamp, weak, range, address, body: answer.into_body() })
 }
 
 /// The part that an answer says it is, and the length of the whole.
