@@ -42,6 +42,14 @@ impl Address {
         if authority.is_empty() || authority.contains(|c: char| c.is_whitespace() || c.is_control() || c == '\\') {
             return Err("an address without a host".into());
         }
+        // The colons of an IPv6 address stand in brackets.
+        let port = authority.rsplit_once(':').map(|(_, port)| port).filter(|port| !port.ends_with(']'));
+        let is_port = |port: &str| {
+            port.bytes().all(|byte| byte.is_ascii_digit()) && port.parse::<u16>().is_ok_and(|port| port > 0)
+        };
+        if let Some(port) = port.filter(|port| !is_port(port)) {
+            return Err(format!("`{}` is no port, which is a number from 1 to 65535", crate::brief::brief(port)));
+        }
         let (path, query) = rest.split_at(rest.find('?').unwrap_or(rest.len()));
         let path = if path.is_empty() { "/" } else { path };
         let (path, query) = (encoded(path), encoded(query));
@@ -169,7 +177,19 @@ mod tests {
         }
         let address = Address::parse("https://Host.org:8443/a b/c.laz?key=1#part").unwrap();
         assert_eq!(address.text(), "https://host.org:8443/a%20b/c.laz?key=1");
-        for text in ["https://", "https:///path", "ftp://a/b", "https://user:secret@host/a", "https://a b/c"] {
+        assert_eq!(Address::parse("http://[::1]/a").unwrap().authority, "[::1]");
+        for text in [
+            "https://",
+            "https:///path",
+            "ftp://a/b",
+            "https://user:secret@host/a",
+            "https://a b/c",
+            "http://a:99999/b",
+            "http://a:0/b",
+            "http://a:/b",
+            "http://a:+80/b",
+            "http://[::1]:port/b",
+        ] {
             assert!(Address::parse(text).is_err(), "{text}");
         }
     }

@@ -574,3 +574,26 @@ fn parts_behind_a_redirect_lie_beside_its_target() {
     let source = open(&server.path("short/ept.json?token=abc")).unwrap();
     assert!(points(&source) == expected);
 }
+
+#[test]
+fn what_a_server_is_no_server_of_is_said_at_once() {
+    let told = message(Path::new(&format!("http://{}.invalid/a.laz", "a".repeat(64))));
+    assert!(told.contains("no such server"), "{told}");
+    assert!(message(Path::new("http://127.0.0.1:99999/a.laz")).contains("`99999` is no port"));
+    // One that does not speak https.
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let (address, asked) = (listener.local_addr().unwrap(), Arc::new(AtomicU64::new(0)));
+    let own = asked.clone();
+    std::thread::spawn(move || {
+        for mut stream in listener.incoming().flatten() {
+            own.fetch_add(1, Ordering::Relaxed);
+            let mut hello = [0; 64];
+            let _ = std::io::Read::read(&mut stream, &mut hello);
+            let _ = write!(stream, "HTTP/1.1 400 Bad Request\r\ncontent-length: 0\r\n\r\n");
+            std::thread::sleep(std::time::Duration::from_secs(1));
+        }
+    });
+    let told = message(Path::new(&format!("https://{address}/a.laz")));
+    assert!(told.contains("does not speak https"), "{told}");
+    assert_eq!(asked.load(Ordering::Relaxed), 1);
+}

@@ -47,8 +47,8 @@ fn key(name: &str) -> Option<Key> {
 }
 
 /// Reads the pages below the first one, whose entries are `first`, the coarse ones before the others, until nodes would take
-/// more than `most` places. `path` is that of `ept.json`, or the address that a
-/// server has sent on to. What is wrong with a page is a warning, and its nodes are left out.
+/// more than `most` places. `path` is that of `ept.json`, or the address that a server has sent on to. What is wrong with a
+/// page is a warning, and its nodes are left out.
 pub fn read(path: &Path, first: Entries, most: usize) -> Hierarchy {
     let mut found = Hierarchy::default();
     let mut first = Some(Ok(first));

@@ -330,14 +330,34 @@ fn failure(error: &ureq::Error) -> Failure {
         ureq::Error::Timeout(_) => Failure::Silent,
         ureq::Error::ConnectionFailed => Failure::Again("no connection to the server".into()),
         ureq::Error::BadUri(_) | ureq::Error::Http(_) => Failure::Final("not an address".into()),
-        error => Failure::Final(crate::brief::message(error)),
+        error => Failure::Final(insecure(&error.to_string()).unwrap_or_else(|| crate::brief::message(error))),
     }
+}
+
+/// Why there is no connection by https that can be trusted, in plain words, if that is what an error says.
+fn insecure(problem: &str) -> Option<String> {
+    let wrong = problem.split_once("invalid peer certificate: ").map(|(_, wrong)| wrong);
+    Some(match wrong {
+        Some(wrong) if wrong.starts_with("UnknownIssuer") => {
+            "glint does not know who has issued the server's certificate: it \
+            knows the authorities that Mozilla's browser knows, and none that this machine or a company has added"
+                .into()
+        }
+        Some(wrong) => format!("the server's certificate is not valid: {}", crate::brief::brief(wrong)),
+        None if problem.contains("InvalidContentType") => {
+            "the server does not speak https at this port; an address with http:// may be meant".into()
+        }
+        None => return None,
+    })
 }
 
 /// Why reading has failed.
 fn of_reading(error: &io::Error) -> Failure {
     if let Some(ureq::Error::Timeout(_)) = error.get_ref().and_then(|inner| inner.downcast_ref::<ureq::Error>()) {
         return Failure::Silent;
+    }
+    if let Some(problem) = insecure(&error.to_string()) {
+        return Failure::Final(problem);
     }
     Failure::Again(match error.kind() {
         io::ErrorKind::ConnectionRefused => "no server answers there".into(),
@@ -378,7 +398,10 @@ struct PublicResolver;
 
 impl Resolver for PublicResolver {
     fn resolve(&self, uri: &Uri, config: &Config, timeout: NextTimeout) -> Result<ResolvedSocketAddrs, ureq::Error> {
-        let found = DefaultResolver::default().resolve(uri, config, timeout)?;
+        let found = DefaultResolver::default().resolve(uri, config, timeout).map_err(|error| match error {
+            ureq::Error::Io(_) => ureq::Error::HostNotFound,
+            error => error,
+        })?;
         let authority = uri.authority().map(|authority| authority.as_str().to_ascii_lowercase()).unwrap_or_default();
         let is_proxy = config.proxy().is_some_and(|proxy| Some(proxy.host()) == uri.host());
         if is_proxy || network().is_typed(&authority) {
@@ -451,6 +474,18 @@ mod tests {
         for text in ["1.1.1.1", "172.32.0.1", "100.128.0.1", "2606:4700::1111", "::ffff:1.1.1.1"] {
             assert!(!is(text), "{text}");
         }
+    }
+
+    #[test]
+    fn a_certificate_that_is_not_trusted_ends_the_tries_in_plain_words() {
+        let told = |problem: &str| match of_reading(&io::Error::new(io::ErrorKind::InvalidData, problem)) {
+            Failure::Final(told) => told,
+            _ => String::new(),
+        };
+        assert!(told("invalid peer certificate: UnknownIssuer").contains("does not know who has issued"));
+        assert!(told("invalid peer certificate: Expired").ends_with("not valid: Expired"));
+        assert!(told("received corrupt message of type InvalidContentType").contains("http:// may be meant"));
+        assert_eq!(told("received corrupt message of type Other"), "");
     }
 
     #[test]
