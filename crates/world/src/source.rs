@@ -271,9 +271,10 @@ pub fn surfel_options(pages: &Pages, up: DVec3, settings: &Settings) -> stream::
     Ok(options_for(&stream::coarsest(pages, points)?, up, None, settings))
 }
 
-/// The last part of a path, which is a cloud's name.
+/// The last part of a path, which is a cloud's name. The query of an address, which may be a key, is no part of it.
 pub(crate) fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+    let last = codec::last_part(path);
+    if last.is_empty() { path.to_string_lossy().into_owned() } else { last }
 }
 
 /// The columns that are read at once: all that most pictures need, and the attribute that `color.by` asks for. Others
@@ -295,6 +296,12 @@ mod tests {
         let mut settings = Settings::default();
         settings.surface.carve = carve;
         options_for(chunks, DVec3::Z, scanner, &settings)
+    }
+
+    #[test]
+    fn the_name_of_a_cloud_has_no_key_of_its_address() {
+        let names = ["https://host/a/all.vpc?token=secret", "a/all.vpc", "/"].map(|path| file_name(Path::new(path)));
+        assert_eq!(names, ["all.vpc", "all.vpc", "/"]);
     }
 
     #[test]
