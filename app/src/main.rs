@@ -120,6 +120,7 @@ fn use_network(authorization: Option<String>) -> anyhow::Result<()> {
         let goes_on = progress_bar::fetched(done, total);
         fetching::note(address, done, total) && goes_on
     });
+    network.stops = interrupt::is_wanted;
     codec::use_network(network).map_err(|problem| failure::usage(format!("--authorization: {problem}")))
 }
 

@@ -22,7 +22,7 @@ use kept::{BLOCK, Kept};
 use network::network;
 pub use network::{Network, trust_address, use_network};
 pub use request::Stamp;
-use request::{Answer, Failure, First};
+use request::{Answer, Failure, First, STOPPED};
 
 /// The bytes that the first request of a file asks for: most heads are shorter.
 const FIRST: u64 = BLOCK;
@@ -33,8 +33,6 @@ const PIECE: u64 = 1 << 20;
 const PIECES_AT_ONCE: usize = 4;
 /// The bytes between two reports of a whole file's progress.
 const REPORT: u64 = 4 << 20;
-/// What is said of a file whose fetch was stopped.
-const STOPPED: &str = "stopped while it was fetched";
 
 /// A file of a server.
 pub struct Remote {
@@ -138,7 +136,7 @@ impl Remote {
         let remote = Self { path, address, base, stamp, weak, disk, kept, state, changed, whole };
         match answer.map_or(Ok(()), |answer| remote.take(answer)) {
             // What is missing is asked for again when it is read.
-            Ok(()) | Err(Failure::Again(_) | Failure::Silent) => {}
+            Ok(()) | Err(Failure::Again(_) | Failure::Later(..) | Failure::Silent) => {}
             Err(Failure::Final(problem)) => return Err(io::Error::other(problem)),
         }
         Ok(remote)
@@ -325,7 +323,7 @@ impl Remote {
             self.take(answer)
         };
         let give = &mut |at, bytes: &[u8]| filler.give(at, bytes);
-        let part = request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole);
+        let part = request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole, &|| true);
         part.map_err(io::Error::other)
     }
 

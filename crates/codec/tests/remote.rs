@@ -551,6 +551,27 @@ fn a_part_that_was_cut_goes_on_where_it_was_cut() {
 }
 
 #[test]
+fn a_server_that_asks_to_wait_is_waited_for() {
+    let file = ply(100, 1.0);
+    let began = std::time::Instant::now();
+    let server = Server::new(move |request, stream| match began.elapsed().as_secs() {
+        ..4 => write!(stream, "HTTP/1.1 429 Busy\r\nretry-after: 1\r\ncontent-length: 0\r\n\r\n"),
+        _ => send_part(&file, "etag: \"1\"\r\n", request, stream),
+    });
+    assert_eq!(points(&open(&server.path("a.ply")).unwrap()).len(), 100);
+    assert!(server.requests() < 8, "{} requests", server.requests());
+    // One that asks for more patience than a person has is not asked again at once.
+    let server = Server::new(move |_, stream| {
+        write!(stream, "HTTP/1.1 503 Busy\r\nretry-after: 3600\r\ncontent-length: 0\r\n\r\n")
+    });
+    for _ in 0..2 {
+        let told = message(&server.path("a.ply"));
+        assert!(told.contains("asks to wait for 3600 s"), "{told}");
+    }
+    assert_eq!(server.requests(), 1);
+}
+
+#[test]
 fn parts_behind_a_redirect_lie_beside_its_target() {
     let Some(data) = data() else { return };
     let root = data.join("ept/1.2-with-color");

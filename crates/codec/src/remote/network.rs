@@ -29,6 +29,8 @@ pub struct Network {
     /// The value of the header `Authorization`, for servers whose address a person has typed.
     pub authorization: Option<String>,
     pub watch: Watch,
+    /// Whether nothing is to be waited for any more.
+    pub stops: fn() -> bool,
     /// The waits before a request that may only have failed for a moment is made again, in milliseconds.
     pub waits: &'static [u64],
     /// The time without a byte after which a server is given up.
@@ -38,7 +40,8 @@ pub struct Network {
 impl Default for Network {
     fn default() -> Self {
         let watch = Box::new(|_: &Path, _, _| true);
-        Self { folder: None, limit: LIMIT, authorization: None, watch, waits: &WAITS, silence: SILENCE }
+        let stops = || false;
+        Self { folder: None, limit: LIMIT, authorization: None, watch, stops, waits: &WAITS, silence: SILENCE }
     }
 }
 

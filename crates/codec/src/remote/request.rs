@@ -19,6 +19,8 @@ use crate::address::Address;
 
 /// What is said of a file that is no longer the one that was opened.
 pub const CHANGED: &str = "the file on the server has changed since it was opened; open it again";
+/// What is said of a file whose fetch was stopped.
+pub const STOPPED: &str = "stopped while it was fetched";
 /// The number of addresses that one request may be sent on to.
 const MOST_REDIRECTS: usize = 5;
 /// The rate in bytes a second that an answer needs at least once it has taken as long as some silences.
@@ -28,6 +30,11 @@ const MOST_PATIENCE: u32 = 3;
 /// for, and each would wait anew.
 const MOST_SILENCES: usize = 2;
 const LEFT_ALONE: Duration = Duration::from_secs(15);
+/// How long a request waits at most where a server asks to wait: at a time, and in all.
+const LONGEST_WAIT: Duration = Duration::from_secs(30);
+const MOST_WAITING: Duration = Duration::from_secs(60);
+/// How often it is looked meanwhile whether to go on.
+const LOOK: Duration = Duration::from_millis(100);
 /// The most bytes of an answer's head.
 const MOST_HEAD: usize = 32 << 10;
 
@@ -68,6 +75,8 @@ pub enum First {
 /// Why a request has failed: again may help, or not.
 pub enum Failure {
     Again(String),
+    /// After this time, as the server says.
+    Later(Duration, String),
     /// Nothing has come for a long time.
     Silent,
     Final(String),
@@ -114,7 +123,7 @@ impl Answer {
 /// # Errors
 /// Says why there is no answer that can be used.
 pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Result<First, String> {
-    repeated(address, || {
+    repeated(address, &|| true, || {
         let mut headers: Vec<(&str, String)> = Vec::new();
         headers.extend(most.map(|most| ("range", format!("bytes=0-{}", most.max(1) - 1))));
         if let Some(known) = known {
@@ -137,7 +146,7 @@ pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Res
 }
 
 /// Asks for a part of a file, whose bytes `give` gets. `weak` is the weak ETag of earlier answers, if they had one. An answer
-/// that brings the whole file instead goes to `take_whole`.
+/// that brings the whole file instead goes to `take_whole`. While nothing comes `goes_on` says whether to wait on.
 ///
 /// # Errors
 /// Says why it cannot be had; if the file has changed.
@@ -148,9 +157,10 @@ pub fn part(
     weak: &OnceLock<String>,
     give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>,
     take_whole: &mut dyn FnMut(Answer) -> Result<(), Failure>,
+    goes_on: &dyn Fn() -> bool,
 ) -> Result<(), String> {
     let mut from = range.start;
-    repeated(address, || {
+    repeated(address, goes_on, || {
         // What came before an answer was cut is there.
         let wanted = from..range.end;
         let headers = [("range", format!("bytes={}-{}", wanted.start, wanted.end - 1))];
@@ -170,40 +180,80 @@ pub fn part(
 }
 
 /// Tries again, each time after a longer wait, what may only have failed for a moment.
-fn repeated<T>(address: &Address, mut work: impl FnMut() -> Result<T, Failure>) -> Result<T, String> {
-    // When servers that have been silent may be asked again.
-    static SILENT: Mutex<BTreeMap<String, Instant>> = Mutex::new(BTreeMap::new());
-    let silent = || SILENT.lock().unwrap_or_else(PoisonError::into_inner);
+fn repeated<T>(
+    address: &Address,
+    goes_on: &dyn Fn() -> bool,
+    mut work: impl FnMut() -> Result<T, Failure>,
+) -> Result<T, String> {
+    /// When servers may be asked again, and what is said of those that nobody waits for.
+    static LATER: Mutex<BTreeMap<String, (Instant, Option<String>)>> = Mutex::new(BTreeMap::new());
+    let later = || LATER.lock().unwrap_or_else(PoisonError::into_inner);
     let server = &address.authority;
-    if silent().get(server).is_some_and(|until| Instant::now() < *until) {
-        return Err("the server was silent a moment ago, and is not asked yet".into());
-    }
-    let waits = network().waits;
-    let (mut silences, mut waited) = (0, Duration::ZERO);
-    for wait in waits.iter().map(Some).chain([None]) {
+    let left_alone = |problem: &str| {
+        later().insert(server.clone(), (Instant::now() + LEFT_ALONE, Some(format!("{problem}, and is not asked yet"))));
+    };
+    let mut waits = network().waits.iter();
+    let (mut silences, mut silent, mut waiting) = (0, Duration::ZERO, Duration::ZERO);
+    loop {
+        let until = later().get(server).cloned().filter(|(until, _)| Instant::now() < *until);
+        match until {
+            Some((_, Some(problem))) => return Err(problem),
+            Some((until, None)) => wait(until, goes_on)?,
+            None => {}
+        }
         let began = Instant::now();
-        match (work(), wait) {
-            (Ok(done), _) => {
-                silent().remove(server);
+        match work() {
+            Ok(done) => {
+                later().retain(|own, (_, told)| own != server || told.is_none());
                 return Ok(done);
             }
-            (Err(Failure::Final(problem)), _) => return Err(problem),
-            (Err(Failure::Again(problem)), None) => {
-                return Err(format!("{problem} (tried {})", times(waits.len() + 1)));
+            Err(Failure::Final(problem)) => return Err(problem),
+            Err(Failure::Again(problem)) => match waits.next() {
+                Some(millis) => wait(Instant::now() + Duration::from_millis(*millis), goes_on)?,
+                None => return Err(format!("{problem} (tried {})", times(network().waits.len() + 1))),
+            },
+            Err(Failure::Later(time, problem)) => {
+                let problem = format!("{problem} and asks to wait for {} s", time.as_secs());
+                waiting += time;
+                if time > LONGEST_WAIT {
+                    left_alone(&problem);
+                }
+                if time > LONGEST_WAIT || waiting > MOST_WAITING {
+                    return Err(problem);
+                }
+                // So do all others that ask it.
+                let until = Instant::now() + time;
+                let mut later = later();
+                let known = later.entry(server.clone()).or_insert((until, None));
+                if known.0 < until {
+                    *known = (until, None);
+                }
             }
-            (Err(Failure::Again(_)), Some(wait)) => std::thread::sleep(Duration::from_millis(*wait)),
-            (Err(Failure::Silent), _) => {
+            Err(Failure::Silent) => {
                 silences += 1;
-                waited += began.elapsed();
+                silent += began.elapsed();
+                if silences == MOST_SILENCES {
+                    left_alone("the server was silent a moment ago");
+                    let (count, seconds) = (times(silences), silent.as_secs());
+                    return Err(format!("the server is silent, or too slow (waited {count}, {seconds} s in all)"));
+                }
             }
-        }
-        if silences == MOST_SILENCES {
-            silent().insert(server.clone(), Instant::now() + LEFT_ALONE);
-            break;
         }
     }
-    let (count, seconds) = (times(silences), waited.as_secs());
-    Err(format!("the server is silent, or too slow (waited {count}, {seconds} s in all)"))
+}
+
+/// Waits while `goes_on` says so.
+fn wait(until: Instant, goes_on: &dyn Fn() -> bool) -> Result<(), String> {
+    loop {
+        if !goes_on() || (network().stops)() {
+            return Err(STOPPED.into());
+        }
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Ok(());
+        }
+        std::thread::sleep(left.min(LOOK));
+    }
 }
 
 /// How often something was done.
@@ -244,7 +294,12 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Respo
             }
             404 | 410 => return Err(Failure::Final(format!("no such file on the server (status {status})"))),
             408 | 425 | 429 | 500 | 502 | 503 | 504 => {
-                return Err(Failure::Again(format!("the server is not able to answer now (status {status})")));
+                let problem = format!("the server is not able to answer now (status {status})");
+                let time = text(answer.headers(), "retry-after").parse().ok().filter(|seconds| *seconds > 0);
+                return Err(match time {
+                    Some(seconds) => Failure::Later(Duration::from_secs(seconds), problem),
+                    None => Failure::Again(problem),
+                });
             }
             _ => return Err(Failure::Final(format!("the server answers with status {status}"))),
         }
