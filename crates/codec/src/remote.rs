@@ -31,8 +31,8 @@ const LEAST: u64 = 64 << 10;
 /// The most bytes of a request, and the number of requests of one read at a time.
 const PIECE: u64 = 1 << 20;
 const PIECES_AT_ONCE: usize = 4;
-/// The bytes between two reports of a whole file's progress.
-const REPORT: u64 = 4 << 20;
+/// The bytes between two reports of a whole file's progress, each of which may stop the fetch.
+const REPORT: u64 = 64 << 10;
 
 /// A file of a server.
 pub struct Remote {
@@ -49,6 +49,8 @@ pub struct Remote {
     changed: Condvar,
     /// Held while the whole file comes although a part was asked for.
     whole: Mutex<()>,
+    /// The bytes that are there of a whole file that is being fetched.
+    so_far: Mutex<Option<u64>>,
 }
 
 #[derive(Default)]
@@ -132,8 +134,8 @@ impl Remote {
         let weak = answer.as_ref().map(|answer| answer.weak.clone()).filter(|weak| !weak.is_empty());
         let weak = weak.map_or_else(OnceLock::new, OnceLock::from);
         let (path, base) = (path.to_owned(), base.text().into());
-        let (changed, whole) = (Condvar::new(), Mutex::default());
-        let remote = Self { path, address, base, stamp, weak, disk, kept, state, changed, whole };
+        let (changed, whole, so_far) = (Condvar::new(), Mutex::default(), Mutex::default());
+        let remote = Self { path, address, base, stamp, weak, disk, kept, state, changed, whole, so_far };
         match answer.map_or(Ok(()), |answer| remote.take(answer)) {
             // What is missing is asked for again when it is read.
             Ok(()) | Err(Failure::Again(_) | Failure::Later(..) | Failure::Silent) => {}
@@ -178,14 +180,37 @@ impl Remote {
     pub fn fetch_all(&self) -> io::Result<()> {
         self.check_length()?;
         let length = self.length();
-        let fetched = (0..length).step_by(REPORT as usize).try_for_each(|start| {
-            if !(network().watch)(&self.path, start, length) {
-                return Err(io::Error::other(STOPPED));
-            }
-            self.fetch(start..(start + REPORT).min(length))
+        let step = PIECE * PIECES_AT_ONCE as u64;
+        let fetched = (0..length).step_by(step as usize).try_for_each(|start| {
+            *self.so_far() = Some(start);
+            if self.goes_on() { self.fetch(start..(start + step).min(length)) } else { Err(io::Error::other(STOPPED)) }
         });
+        *self.so_far() = None;
         (network().watch)(&self.path, length, length);
         fetched
+    }
+
+    fn so_far(&self) -> MutexGuard<'_, Option<u64>> {
+        self.so_far.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells how much of the whole file is there, if it is being fetched. Returns whether to go on.
+    fn goes_on(&self) -> bool {
+        let so_far = *self.so_far();
+        // All of it is told at the end alone.
+        so_far.is_none_or(|so_far| {
+            (network().watch)(&self.path, so_far.min(self.length().saturating_sub(1)), self.length())
+        })
+    }
+
+    /// Counts bytes that have come.
+    fn count(&self, more: u64) -> io::Result<()> {
+        let is_due = self.so_far().as_mut().is_some_and(|so_far| {
+            let before = *so_far;
+            *so_far += more;
+            before / REPORT != *so_far / REPORT
+        });
+        if is_due && !self.goes_on() { Err(io::Error::other(STOPPED)) } else { Ok(()) }
     }
 
     /// Says that these bytes have turned out to be damaged. Nothing of the file that was fetched so far, or will be from now
@@ -323,7 +348,8 @@ impl Remote {
             self.take(answer)
         };
         let give = &mut |at, bytes: &[u8]| filler.give(at, bytes);
-        let part = request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole, &|| true);
+        let part =
+            request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole, &|| self.goes_on());
         part.map_err(io::Error::other)
     }
 
@@ -335,18 +361,13 @@ impl Remote {
             self.check_length().map_err(|error| Failure::Final(error.to_string()))?;
         }
         let mut filler = Filler { remote: self, block: range.start / BLOCK, bytes: Vec::with_capacity(BLOCK as usize) };
-        let mut report = 0;
-        let read = answer.read(&mut |at, bytes| {
-            filler.give(at, bytes)?;
-            if total > LEAST && at - range.start >= report {
-                report += REPORT;
-                if !(network().watch)(&self.path, at - range.start, total) {
-                    return Err(io::Error::other(STOPPED));
-                }
-            }
-            Ok(())
-        });
-        if total > LEAST {
+        if total <= LEAST {
+            return answer.read(&mut |at, bytes| filler.give(at, bytes));
+        }
+        let before = self.so_far().replace(0);
+        let read = answer.read(&mut |at, bytes| filler.give(at, bytes));
+        if before.is_none() {
+            *self.so_far() = None;
             (network().watch)(&self.path, total, total);
         }
         read
@@ -383,6 +404,7 @@ impl Filler<'_> {
                 drop(state);
                 self.block += 1;
                 self.bytes.clear();
+                self.remote.count(length as u64)?;
             }
         }
         Ok(())

@@ -23,16 +23,28 @@ use server::{Habits, Request, Server};
 /// The longest file that these tests fetch as a whole.
 const LIMIT: u64 = 32 << 20;
 
+/// The name of files whose fetch is stopped at the first report of bytes, and how many had come by then at most.
+const STOPPED: &str = "stopped.ply";
+static STOPPED_AT: AtomicU64 = AtomicU64::new(0);
+
 /// The folder of the cache of this process, which all tests share.
 fn cache() -> &'static Path {
     static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         let authorization = Some("Bearer secret".to_owned());
+        let watch = Box::new(|path: &Path, done: u64, _: u64| {
+            let is_stopped = path.ends_with(STOPPED) && done > 0;
+            if is_stopped {
+                STOPPED_AT.fetch_max(done, Ordering::Relaxed);
+            }
+            !is_stopped
+        });
         let network = codec::Network {
             folder: Some(folder.path().to_owned()),
             limit: LIMIT,
             authorization,
+            watch,
             ..Default::default()
         };
         codec::use_network(network).unwrap();
@@ -569,6 +581,17 @@ fn a_server_that_asks_to_wait_is_waited_for() {
         assert!(told.contains("asks to wait for 3600 s"), "{told}");
     }
     assert_eq!(server.requests(), 1);
+}
+
+#[test]
+fn the_fetch_of_a_file_stops_within_some_blocks() {
+    let files = tempfile::tempdir().unwrap();
+    fs::write(files.path().join(STOPPED), ply(300_000, 1.0)).unwrap();
+    let server = Server::of_folder(files.path(), Habits { rate: 1 << 20, ..Habits::default() });
+    let told = message(&server.path(STOPPED));
+    assert!(told.contains("stopped while it was fetched"), "{told}");
+    let at = STOPPED_AT.load(Ordering::Relaxed);
+    assert!((1..1 << 20).contains(&at), "at {at} bytes");
 }
 
 #[test]
