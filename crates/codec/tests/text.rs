@@ -384,7 +384,7 @@ fn hostile_texts_end_in_an_error_that_says_what_is_wrong() {
 }
 
 /// What is said of the columns of a text that nothing names.
-fn unnamed(text: &str) -> Option<codec::UnnamedTable> {
+fn unnamed(text: impl AsRef<[u8]>) -> Option<codec::UnnamedTable> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cloud.txt");
     std::fs::write(&path, text).unwrap();
@@ -447,4 +447,25 @@ fn columns_that_are_named_for_a_file_are_those_of_this_file_alone() {
     for (text, problem) in [("x,y,q", "no column z"), ("x,y,z,i,i", "the column intensity is named twice")] {
         assert!(codec::name_columns_of(&paths[1], &words(text)).unwrap_err().contains(problem), "{text}");
     }
+}
+
+#[test]
+fn german_names_of_columns_are_known_in_the_texts_of_older_programs_too() {
+    for line in ["Rechtswert;Hochwert;Höhe;Intensität", "OST;Nord;Hoehe [m];Intensität", "RW;HW;H;Intensität"] {
+        // Code page 1252 has one byte for each of these characters.
+        let old: Vec<u8> = line.chars().map(|character| u8::try_from(u32::from(character)).unwrap()).collect();
+        for names_line in [line.as_bytes(), &old] {
+            let text = [names_line, b"\n1,5;2;3;65\n"].concat();
+            let source = open(&text).unwrap().remove(0);
+            assert_eq!(names(&source), "x y z Intensität", "{line}");
+            assert_eq!(places(&source), [DVec3::new(1.5, 2.0, 3.0)], "{line}");
+        }
+    }
+    let table = unnamed(b"a;b;Gr\xf6\xdfe \x80;M\xfcll\n1;2;3;4\n").unwrap();
+    assert_eq!(table.names, ["a", "blue", "Größe €", "Müll"]);
+    assert!(table.by.contains("the columns a, blue, Größe €, Müll have no x"), "{}", table.by);
+    let table = unnamed(b"1 2 3 B\xe4ume\n4 5 6 W\xe4nde\n").unwrap();
+    assert_eq!(table.lines[0][3], "Bäume");
+    let names = ["ost", "nord", "Höhe"].map(str::to_owned);
+    assert_eq!(codec::column_names(&names).unwrap(), ["x", "y", "z"]);
 }

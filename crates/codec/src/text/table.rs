@@ -1,6 +1,7 @@
 //! What the columns of a table of numbers are: what separates them, which sign stands before decimals, and what they mean,
 //! by a line of names or by the values of the first lines.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{PoisonError, RwLock};
@@ -297,7 +298,7 @@ impl UnnamedTable {
                 (taken, format!("{problem}. Taken for {by}{left_out}"))
             }
         };
-        let text = |token: &[u8]| brief(&String::from_utf8_lossy(token));
+        let text = |token: &[u8]| brief(&decoded(token));
         let line = |line: &&[u8]| head.style.tokens(line).take(head.samples.len()).map(text).collect();
         Some(Self { lines: head.numbers.iter().take(SHOWN).map(line).collect(), names, by })
     }
@@ -363,7 +364,7 @@ impl<'a> Head<'a> {
             Some(names) => Names::Line(names),
             // A line before the numbers that gives no names for the columns.
             None if first > 0 && !is_lone_count && !is_comment(lines[first - 1].1) => {
-                let line = brief(String::from_utf8_lossy(lines[first - 1].1.trim_ascii()).as_ref());
+                let line = brief(&decoded(lines[first - 1].1.trim_ascii()));
                 Names::Nothing(Some(format!("`{line}` does not name the {count} columns of the lines below it")))
             }
             None => Names::Nothing(None),
@@ -377,6 +378,21 @@ const LONG: usize = 60 << 10;
 /// The most lines before the first one of numbers.
 const MOST_BEFORE: usize = 50;
 
+/// What the bytes from 128 to 159 are in the older texts of Windows.
+const WINDOWS: [char; 32] = [
+    '€', '\u{81}', '‚', 'ƒ', '„', '…', '†', '‡', 'ˆ', '‰', 'Š', '‹', 'Œ', '\u{8d}', 'Ž', '\u{8f}', '\u{90}', '‘', '’',
+    '“', '”', '•', '–', '—', '˜', '™', 'š', '›', 'œ', '\u{9d}', 'ž', 'Ÿ',
+];
+
+/// The text that bytes are: UTF-8, or else the code page 1252 of Windows.
+fn decoded(bytes: &[u8]) -> Cow<'_, str> {
+    let character = |byte: &u8| match byte {
+        0x80..0xa0 => WINDOWS[usize::from(byte - 0x80)],
+        byte => char::from(*byte),
+    };
+    std::str::from_utf8(bytes).map_or_else(|_| bytes.iter().map(character).collect(), Cow::from)
+}
+
 /// The names in a line, if it names each column.
 fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
     let mut text = line.trim_ascii();
@@ -387,7 +403,7 @@ fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
     let styles = [style.separator, Some(b','), Some(b';'), Some(b'\t'), None];
     let styles = styles.map(|separator| Style { separator, has_decimal_comma: false });
     let of_style = |style: Style| {
-        let names: Vec<String> = style.tokens(text).map(|token| meaning(&String::from_utf8_lossy(token))).collect();
+        let names: Vec<String> = style.tokens(text).map(|token| meaning(&decoded(token))).collect();
         // Attributes may be called `nan` and `inf`, but a comment or a line without values may have such words, too.
         let has_no_value = names.iter().any(|name| name.parse().is_ok_and(|value: f64| !value.is_finite()));
         let is_number = |name: &String| name.parse().is_ok_and(f64::is_finite);
@@ -407,6 +423,10 @@ fn meaning(name: &str) -> String {
         "x" | "easting" | "east" | "e" | "coord_x" | "x_coord" | "x_coordinate" | "point_x" => "x",
         "y" | "northing" | "north" | "n" | "coord_y" | "y_coord" | "y_coordinate" | "point_y" => "y",
         "z" | "height" | "elevation" | "h" | "coord_z" | "z_coord" | "z_coordinate" | "point_z" | "altitude" => "z",
+        // German programs.
+        "rechtswert" | "ost" | "rw" => "x",
+        "hochwert" | "nord" | "hw" => "y",
+        "höhe" | "hoehe" => "z",
         "r" | "red" | "rf" => "red",
         "g" | "green" | "gf" => "green",
         "b" | "blue" | "bf" => "blue",
