@@ -1,6 +1,7 @@
 //! Reads text with a point on each line: PTS and PTX of scanners, which may hold several scans, and tables (XYZ, CSV) whose
 //! columns are named or guessed.
 
+mod decimals;
 mod rows;
 pub mod table;
 
@@ -94,7 +95,8 @@ pub fn open(file: &Arc<Bytes>) -> Option<Result<Vec<RowSource>>> {
         let rows = rows.map_err(|error| Error::io(path, error))?;
         let mut info = Info::of_rows(path, Format::Xyz, table.names());
         info.warnings.extend(table.warnings.clone());
-        let maker = Box::new(TextRows::new(table.style, &table.columns, newline, table.has_comments, None));
+        let maker = TextRows::new(table.style, &table.columns, newline, table.has_comments, None, table.commas);
+        let maker = Box::new(maker);
         let made = Made { maker, rows, is_text: true, newline, color_scale: None, info };
         Ok(vec![RowSource::made(file.clone(), made)?])
     }))
@@ -318,7 +320,7 @@ fn made(file: &Arc<Bytes>, format: Format, newline: u8, scans: Vec<Found>) -> Re
         })?;
         let turn = cells.and_then(|cells| turn_of(cells.pose.matrix3)).unwrap_or(DQuat::IDENTITY);
         info.scan = Some(Scan { name: format!("scan {}", number + 1), number, of, position, turn, times: [None; 2] });
-        let maker = Box::new(TextRows::new(Style::BLANKS, &columns, newline, false, cells));
+        let maker = Box::new(TextRows::new(Style::BLANKS, &columns, newline, false, cells, None));
         RowSource::made(file.clone(), Made { maker, rows, is_text: true, newline, color_scale: None, info })
     };
     scans.into_iter().enumerate().map(source).collect()

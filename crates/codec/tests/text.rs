@@ -450,6 +450,63 @@ fn columns_that_are_named_for_a_file_are_those_of_this_file_alone() {
 }
 
 #[test]
+fn a_point_beside_a_comma_is_never_taken_for_decimals_where_it_may_set_thousands_apart() {
+    let refused = [
+        (
+            "X;Y;Z\r\n8.780;8.843;336,563\r\n4.424;8.506;339,960\r\n",
+            "`8.780` in line 2 has a point, `336,563` in line 2",
+        ),
+        ("X;Y;Z\n8,780;8,843;336.563\n4,424;8,506;339.960\n", "`336.563` in line 2 has a point, `8,780` in line 2"),
+        ("X;Y;Z\n8,780;8,843;36.5\n", "`36.5` in line 2 has a point, `8,780` in line 2"),
+        (
+            "# a table\n\nx\ty\tz\n780,5\t843,25\t336,5\n-8.780\t843,25\t336,5\n",
+            "`-8.780` in line 5 has a point, `780,5` in line 4",
+        ),
+        ("780,5 843,25 336,5\n+8.780 843,25 336,5\n", "`+8.780` in line 2 has a point, `780,5` in line 1"),
+    ];
+    for (text, told) in refused {
+        let error = error(text);
+        let end = "a comma, and one of them may set thousands apart; write numbers without separators of thousands";
+        assert!(error.contains(told) && error.ends_with(end), "{text}: {error}");
+    }
+    // Times of another program may have points beside coordinates with commas, and dates and texts are no numbers.
+    let times = open("x;y;z;time\n8780,171;8843,482;336,563;1600000001.25\n").unwrap().remove(0);
+    assert_eq!((places(&times)[0].z, values(&times, "time")[0]), (336.563, 1_600_000_001.25));
+    let told = "`1600000001.25` in line 2 has a point, `8780,171` in line 2 a comma; both are taken for decimals";
+    assert_eq!(times.info().warnings, [told]);
+    for text in [
+        "Datum;X;Y;Z\n30.11.2026;8780,171;8843,482;336,563\n",
+        "skip;X;Y;Z\n8.780;8780,171;8843,482;336,563\n",
+        "X;Y;Z\n8780,171;8843,482;336,563\n",
+        "X;Y;Z\n8780.171;8843.482;336.563\n",
+    ] {
+        let source = open(text).unwrap().remove(0);
+        assert_eq!(places(&source), [DVec3::new(8780.171, 8843.482, 336.563)], "{text}");
+        assert!(source.info().warnings.is_empty(), "{text}: {:?}", source.info().warnings);
+    }
+}
+
+#[test]
+fn a_number_that_may_have_thousands_in_the_middle_of_a_table_ends_its_reading() {
+    let lines = |line: &str| line.repeat(600);
+    let cases = [
+        (lines("512,25;843,5;336,563\n") + "8.780;843,5;336,563\n", "`8.780` has a point", "`512,25`"),
+        (lines("8,512;8,843;336\n") + "8,780;8,843;336.5\n", "`336.5` has a point", "`8,512`"),
+    ];
+    for (text, number, example) in cases {
+        let source = open("x;y;z\n".to_owned() + &text).unwrap().remove(0);
+        let selection = codec::Selection { positions: true, colors: false, normals: false, attributes: Vec::new() };
+        let error = source.read(&selection, &cloud::Progress::default(), &|_| {}).err().unwrap().to_string();
+        let told = format!("point 601: {number}, but numbers before it have a comma, like {example}; write numbers");
+        assert!(error.contains(&told), "{error}");
+    }
+    // Points that can only stand before decimals are read.
+    let text = "x;y;z\n".to_owned() + &lines("512,25;843,5;336,563\n") + "0.780;843.5;1336.563\n";
+    let source = open(text).unwrap().remove(0);
+    assert!((places(&source)[600] - DVec3::new(0.78, 843.5, 1336.563)).length() < 1e-6, "{}", places(&source)[600]);
+}
+
+#[test]
 fn german_names_of_columns_are_known_in_the_texts_of_older_programs_too() {
     for line in ["Rechtswert;Hochwert;Höhe;Intensität", "OST;Nord;Hoehe [m];Intensität", "RW;HW;H;Intensität"] {
         // Code page 1252 has one byte for each of these characters.

@@ -5,6 +5,7 @@ use std::io;
 use cloud::ColumnType;
 use glam::{DAffine3, DVec3};
 
+use super::decimals::Commas;
 use super::table::Style;
 use crate::bytes::Bytes;
 use crate::ply::header::{Element, Kind, Property};
@@ -33,6 +34,8 @@ pub struct TextRows {
     newline: u8,
     has_comments: bool,
     cells: Option<Cells>,
+    /// What numbers with points may contradict.
+    commas: Option<Commas>,
     /// The types of properties that are whole numbers of 64 bits, which a double does not hold.
     long: Vec<Option<ColumnType>>,
 }
@@ -71,6 +74,7 @@ impl TextRows {
         newline: u8,
         has_comments: bool,
         cells: Option<Cells>,
+        commas: Option<Commas>,
     ) -> Self {
         let property = |(name, column_type): &(String, ColumnType)| Property {
             name: name.clone(),
@@ -89,12 +93,21 @@ impl TextRows {
         });
         let long = long.collect();
         let element = Element { name: "points".into(), count: 0, properties };
-        Self { element, style, columns, newline, has_comments, cells, long }
+        Self { element, style, columns, newline, has_comments, cells, commas, long }
     }
 
     /// The values of a line, NaN for those that are missing, and the bits of those that are whole numbers of 64. Returns
     /// whether all that are `wanted` are there.
-    fn values(&self, line: &[u8], number: u64, wanted: &[bool], (values, long): (&mut [f64], &mut [u64])) -> bool {
+    ///
+    /// # Errors
+    /// If it cannot be told which sign of a number stands before decimals.
+    fn values(
+        &self,
+        line: &[u8],
+        number: u64,
+        wanted: &[bool],
+        (values, long): (&mut [f64], &mut [u64]),
+    ) -> io::Result<bool> {
         values.fill(f64::NAN);
         long.fill(0);
         let mut is_whole = true;
@@ -104,6 +117,11 @@ impl TextRows {
             if let Some(property) = column.filter(|property| wanted[*property]) {
                 let value = self.style.number(token);
                 is_whole &= value.is_some();
+                if let Some(commas) = self.commas.as_ref().filter(|commas| value.is_some() && commas.contradict(token))
+                {
+                    let problem = format!("point {}: {}", number + 1, commas.problem(token));
+                    return Err(io::Error::new(io::ErrorKind::InvalidData, problem));
+                }
                 values[property] = value.unwrap_or(f64::NAN);
                 is_whole &= match self.long[property] {
                     Some(column_type) => {
@@ -126,7 +144,7 @@ impl TextRows {
             values[count - 2] = (number % cells.rows.max(1)) as f64;
             values[count - 1] = (number / cells.rows.max(1)) as f64;
         }
-        is_whole
+        Ok(is_whole)
     }
 }
 
@@ -175,7 +193,7 @@ impl RowMaker for TextRows {
                     break;
                 }
                 let row = block.first_row + rows;
-                damaged += u64::from(!self.values(line, row, &wanted, (&mut values, &mut long)));
+                damaged += u64::from(!self.values(line, row, &wanted, (&mut values, &mut long))?);
                 rows += 1;
                 for (index, column_type) in &kept {
                     let (at, value) = (packed.len(), values[*index]);

@@ -8,6 +8,7 @@ use std::sync::{PoisonError, RwLock};
 
 use cloud::ColumnType;
 
+use super::decimals::{Commas, Signs, signs};
 use crate::brief::brief;
 use crate::export::names::tell_apart;
 use crate::ply::number;
@@ -187,6 +188,8 @@ pub struct Table {
     pub start: u64,
     /// Whether lines that look like comments are none of its rows.
     pub has_comments: bool,
+    /// What numbers behind the first lines must agree with.
+    pub commas: Option<Commas>,
     /// A doubt about what columns mean, and what is lost of their numbers.
     pub warnings: Vec<String>,
 }
@@ -247,6 +250,14 @@ impl Table {
                 (names, if is_sure { Vec::new() } else { vec![warning] })
             }
         };
+        let commas = match signs(&head.numbers, head.style, &names, (start, newline)) {
+            Ok(Signs::Clear(commas)) => commas,
+            Ok(Signs::Both(told)) => {
+                warnings.push(told);
+                None
+            }
+            Err(problem) => return Some(Err(problem)),
+        };
         // The channels of a colour have one type.
         let mut channels = std::iter::zip(&names, &head.samples).filter(|(name, _)| is_color(name));
         let are_whole = channels.all(|(_, values)| values.iter().all(|value| is_word(*value)));
@@ -263,7 +274,7 @@ impl Table {
         };
         let columns = std::iter::zip(&names, &head.samples).map(column).collect();
         let (start, has_comments) = (head.start as u64, head.has_comments);
-        Some(Ok(Self { style: head.style, columns, start, has_comments, warnings }))
+        Some(Ok(Self { style: head.style, columns, start, has_comments, commas, warnings }))
     }
 
     /// The names of its columns, as `--columns` gives them.
@@ -385,7 +396,7 @@ const WINDOWS: [char; 32] = [
 ];
 
 /// The text that bytes are: UTF-8, or else the code page 1252 of Windows.
-fn decoded(bytes: &[u8]) -> Cow<'_, str> {
+pub fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     let character = |byte: &u8| match byte {
         0x80..0xa0 => WINDOWS[usize::from(byte - 0x80)],
         byte => char::from(*byte),
