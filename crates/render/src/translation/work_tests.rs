@@ -325,8 +325,8 @@ fn threads_by_settings(pass: &str, settings: &Settings) -> f64 {
 /// A pass and its code.
 struct Parsed {
     pass: &'static Pass,
-    module: Module,
-    info: ModuleInfo,
+    module: &'static Module,
+    info: &'static ModuleInfo,
 }
 
 /// What its threads are and how many there are, what one does, and how much more that may be by the settings.
