@@ -8,7 +8,7 @@ mod shared;
 mod system;
 mod viewer;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser as _};
@@ -108,13 +108,21 @@ fn run(line: CommandLine) -> anyhow::Result<u8> {
 /// Says how addresses are opened, should there be any.
 ///
 /// # Errors
-/// If the authorization or the limit is none.
+/// If the authorization, the limit or one of the servers is none.
 fn use_network(authorization: Option<String>) -> anyhow::Result<()> {
     const LIMIT: &str = "GLINT_FETCHED_BYTES";
+    const SERVERS: &str = "GLINT_SERVERS";
     let mut network = codec::Network { folder: world::fetched_folder(), authorization, ..Default::default() };
     if let Some(text) = std::env::var_os(LIMIT).filter(|text| !text.is_empty()) {
         let limit = text.to_str().and_then(|text| text.parse::<param::Bytes>().ok());
         network.limit = limit.ok_or_else(|| failure::usage(format!("{LIMIT}: expected bytes, such as 10 GiB")))?.0;
+    }
+    let servers = std::env::var_os(SERVERS).unwrap_or_default();
+    for server in servers.to_string_lossy().split_whitespace() {
+        if !codec::trust_address(Path::new(server)) {
+            let problem = "expected addresses such as http://data.lan:8080, with blanks between them";
+            return Err(failure::usage(format!("{SERVERS}: `{}`: {problem}", scene::shown(Path::new(server)))));
+        }
     }
     network.watch = Box::new(|address, done, total| {
         let goes_on = progress_bar::fetched(done, total);

@@ -1,5 +1,6 @@
 //! Clouds in folders of tiles and behind addresses, through the real program.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
@@ -162,11 +163,16 @@ fn a_server_that_fails_while_a_file_is_read_is_told_by_the_status() {
 #[test]
 fn a_scene_file_does_not_lead_to_a_private_server() {
     let folder = Folder::new();
-    let server = Server::new(|_, _| Ok(()));
+    let server = Server::new(|_, stream| write!(stream, "HTTP/1.1 404 No\r\ncontent-length: 0\r\n\r\n"));
     let scene = folder.write("scene.toml", format!("clouds = [\"{}\"]\n", text(&server.path("a.laz"))));
     let outcome = folder.glint(["info", &text(&scene)]);
     assert_eq!((outcome.status, server.requests()), (Some(2), 0), "{outcome}");
     assert!(outcome.messages.contains("only asked where a person has typed its address"), "{outcome}");
+    // Unless the person has named the server.
+    let mut command = folder.command(["info", &text(&scene)]);
+    let named = command.env("GLINT_SERVERS", format!("http://other.lan {}", text(&server.path(""))));
+    let told = String::from_utf8_lossy(&named.output().expect("the program starts").stderr).into_owned();
+    assert!(server.requests() > 0 && !told.contains("only asked where"), "{told}");
 }
 
 #[test]
@@ -176,6 +182,11 @@ fn what_a_server_limit_or_credential_must_be_is_said() {
     let outcome = command.env("GLINT_FETCHED_BYTES", "many").output().expect("the program starts");
     let told = String::from_utf8_lossy(&outcome.stderr).into_owned();
     assert!(outcome.status.code() == Some(2) && told.contains("GLINT_FETCHED_BYTES: expected bytes"), "{told}");
+    let mut command = folder.command(["scenes"]);
+    let outcome = command.env("GLINT_SERVERS", "http://a.lan b.lan").output().expect("the program starts");
+    let told = String::from_utf8_lossy(&outcome.stderr).into_owned();
+    let expected = "GLINT_SERVERS: `b.lan`: expected addresses such as";
+    assert!(outcome.status.code() == Some(2) && told.contains(expected), "{told}");
     let outcome = folder.glint(["scenes", "--authorization", "a\nb"]);
     assert!(outcome.status == Some(2) && outcome.messages.contains("--authorization: not a line"), "{outcome}");
 }

@@ -71,11 +71,14 @@ pub fn use_network(network: Network) -> Result<(), String> {
     Ok(())
 }
 
-/// Says that a person has typed an address: its server may be in a private network, and gets credentials.
-pub fn trust_address(path: &Path) {
-    if let Ok(address) = Address::parse(&path.to_string_lossy()) {
-        typed().insert(origin(&address));
+/// Says that a person has typed an address: its server may be in a private network, and gets credentials. Returns whether
+/// it is one.
+pub fn trust_address(path: &Path) -> bool {
+    let address = Address::parse(&path.to_string_lossy());
+    if let Ok(address) = &address {
+        typed().insert(origin(address));
     }
+    address.is_ok()
 }
 
 fn origin(address: &Address) -> String {

@@ -465,7 +465,8 @@ impl Resolver for PublicResolver {
         let mut public = self.empty();
         found.iter().filter(|address| !is_private(address)).for_each(|address| public.push(*address));
         if public.is_empty() {
-            let problem = "a server in a private network, which is only asked where a person has typed its address";
+            let problem = "a server in a private network, which is only asked where a person has typed its address: as an \
+                           argument, in GLINT_SERVERS, or in the window, where \"Try again\" does, too";
             return Err(ureq::Error::Io(io::Error::new(io::ErrorKind::PermissionDenied, problem)));
         }
         Ok(public)
