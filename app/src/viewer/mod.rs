@@ -433,7 +433,7 @@ impl Viewer {
         if let Some((request, start)) = self.request.take() {
             let is_empty = request.inputs.is_empty() && request.view.is_none();
             let request = if is_empty { self.unnamed() } else { request };
-            self.session.open_request(request);
+            self.session.open_at_start(request);
             self.before_set = self.session.scene.own_settings();
             start.apply(&mut self.session);
             self.after_set = self.session.scene.own_settings();

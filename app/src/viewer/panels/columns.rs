@@ -182,6 +182,29 @@ mod tests {
     }
 
     #[test]
+    fn a_table_that_the_program_is_started_with_is_asked_about_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let named = write(folder.path(), "named.csv", "x,y,z,class\n1,2,3,4\n5,6,7,8\n");
+        let plain = write(folder.path(), "plain.xyz", "1 2 3\n4 5 6\n");
+        let unnamed = write(folder.path(), "unnamed.csv", "a;b;c;d\n1;2;3;4\n");
+        let mut harness = harness();
+        harness.state_mut().open_at_start(world::resolve(&[&unnamed, &named, &plain]));
+        harness.run_ok();
+        assert_eq!(opened(&harness), [named, plain]);
+        assert!(harness.query_by_label("Columns of unnamed.csv").is_some());
+        harness.state_mut().unnamed[0].text = "x,y,z,class".into();
+        harness.run_ok();
+        harness.get_by_label("Open").click();
+        harness.run_ok();
+        assert_eq!(opened(&harness)[2..], [unnamed]);
+        // A scene file may say more of its clouds.
+        let table = write(folder.path(), "scene.xyz", UNNAMED);
+        let scene = write(folder.path(), "scene.toml", "clouds = [\"scene.xyz\"]\n");
+        harness.state_mut().open_at_start(world::resolve(&[scene]));
+        assert_eq!(opened(&harness)[3..], [table]);
+    }
+
+    #[test]
     fn a_table_that_is_given_up_becomes_no_mirror_later() {
         let folder = tempfile::tempdir().unwrap();
         let path = write(folder.path(), "a.xyz", UNNAMED);

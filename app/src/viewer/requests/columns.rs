@@ -31,9 +31,10 @@ pub enum Naming {
 }
 
 impl ColumnsDraft {
-    pub fn new(path: PathBuf, table: UnnamedTable) -> Self {
+    /// `None` where nothing is to be asked: three columns can only be the place.
+    pub fn asking(path: &Path, table: UnnamedTable) -> Option<Self> {
         let text = table.names.join(",");
-        Self { path, table, text, is_shown: false }
+        (text != "x,y,z").then(|| Self { path: path.to_owned(), table, text, is_shown: false })
     }
 
     /// The names as they were entered.

@@ -185,11 +185,27 @@ impl Session {
         is_open
     }
 
+    /// Opens what the program was started with, but asks about the columns of tables that nothing names. Scene files have
+    /// more to say of their clouds than columns, so theirs are opened as they are.
+    pub fn open_at_start(&mut self, mut request: world::Request) {
+        let mut unnamed = Vec::new();
+        let is_alone = request.scene_files.is_empty();
+        request.inputs.retain(|input| {
+            let world::Input::File(path) = input else { return true };
+            let table = (is_alone && columns::is_of_table(path)).then(|| codec::unnamed_table(path)).flatten();
+            let draft = table.and_then(|table| ColumnsDraft::asking(path, table));
+            let is_known = draft.is_none();
+            unnamed.extend(draft);
+            is_known
+        });
+        self.open_request(request);
+        self.unnamed.append(&mut unnamed);
+    }
+
     fn on_table(&mut self, path: PathBuf, unnamed: Option<Box<codec::UnnamedTable>>) {
-        match unnamed {
-            // Three columns can only be the place.
-            Some(table) if table.names != ["x", "y", "z"] => self.unnamed.push(ColumnsDraft::new(path, *table)),
-            _ => drop(self.open(&[path])),
+        match unnamed.and_then(|table| ColumnsDraft::asking(&path, *table)) {
+            Some(draft) => self.unnamed.push(draft),
+            None => drop(self.open(&[path])),
         }
     }
 
