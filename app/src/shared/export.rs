@@ -15,6 +15,9 @@ use crate::shared::numbers::grouped;
 use crate::system::failure::{FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 
+/// The formats of a new file, and the endings of their names.
+pub const FORMATS: (&str, &[&str]) = ("LAZ, LAS, COPC, E57, PLY, CSV", &["laz", "las", "e57", "ply", "csv"]);
+
 /// The memory in bytes that a point takes while strays are looked for: its place and columns as they are read, another
 /// place among those that are shown, and what the search for neighbours needs.
 const BYTES_A_POINT: u64 = 64;

@@ -65,6 +65,7 @@ use winit::window::WindowId;
 use world::Request;
 
 use crate::shared::command_line::ViewArguments;
+use crate::shared::export;
 use crate::shared::language::{self, text};
 use crate::shared::viewpoint::Viewpoint;
 use crate::system::failure::{Interrupted, NoScreen, usage};
@@ -640,10 +641,7 @@ impl Viewer {
                 Some(Effect::AskPlace(asked, proposed)) => {
                     let wake = self.wake.clone();
                     let (title, ending): (_, (&str, &[&str])) = match asked {
-                        Asked::Points => (
-                            text!("Save the points that are shown"),
-                            ("LAZ, LAS, COPC, E57, PLY, CSV", &["laz", "las", "e57", "ply", "csv"]),
-                        ),
+                        Asked::Points => (text!("Save the points that are shown"), export::FORMATS),
                         Asked::Picture => (text!("Save the picture"), ("PNG", &["png"])),
                         Asked::Scene => (text!("Save the scene"), (text!("Scene"), &["toml"])),
                     };

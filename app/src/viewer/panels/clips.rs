@@ -8,6 +8,7 @@ use egui::{RichText, Ui};
 use render::{ColorSource, class_name};
 use scene::{Clip, ClipShape, Filter, Keep, Object};
 
+use crate::shared::export::FORMATS;
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{
@@ -77,8 +78,8 @@ fn export(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         let ask = Action::Export(Export::Ask);
         let text = text!("Save what is shown ({ask})", ask = bindings::shortcut(&ask));
         let button = ui.add_enabled(!session.loaded.clouds.is_empty(), egui::Button::new(text));
-        let button =
-            button.on_hover_text(text!("Writes the points that are shown to a new file: LAZ, LAS, COPC, PLY or CSV"));
+        let help = text!("Writes the points that are shown to a new file: {formats}", formats = FORMATS.0);
+        let button = button.on_hover_text(help);
         actions.extend(button.clicked().then_some(ask));
         return;
     };
@@ -417,6 +418,11 @@ mod tests {
     fn the_points_that_are_shown_are_saved_where_a_person_says_and_that_is_stopped() {
         let mut harness = harness();
         harness.run_ok();
+        harness.get_by_label_contains("Save what is shown").hover();
+        harness.run_ok();
+        harness.step();
+        let help = "Writes the points that are shown to a new file: LAZ, LAS, COPC, E57, PLY, CSV";
+        assert!(harness.query_by_label(help).is_some());
         harness.get_by_label_contains("Save what is shown").click();
         harness.run_ok();
         let proposed = harness.state().outside.effects.iter().find_map(|effect| match effect {
