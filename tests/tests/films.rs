@@ -199,14 +199,14 @@ enum End {
 #[cfg(unix)]
 fn a_recording_that_ends_in_the_middle_and_goes_on_makes_the_pictures_of_one_run() {
     let folder = crossing_ball();
-    let whole = record(&folder, "whole", "25", &[]);
+    let whole = record(&folder, "whole", "16", &[]);
     if lacks_adapter(whole.status) {
         return;
     }
-    assert_eq!(whole.text(), "25 pictures in whole\n", "{whole}");
+    assert_eq!(whole.text(), "16 pictures in whole\n", "{whole}");
     for (output, end) in [("killed", End::Killed), ("stopped", End::CtrlC), ("closed", End::WindowClosed)] {
         let more: &[&str] = if matches!(end, End::WindowClosed) { &["--report"] } else { &[] };
-        let mut command = folder.command([&words(output, "25")[..], more].concat());
+        let mut command = folder.command([&words(output, "16")[..], more].concat());
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
         let mut program = command.spawn().expect("it starts");
         let start = Instant::now();
@@ -226,9 +226,9 @@ fn a_recording_that_ends_in_the_middle_and_goes_on_makes_the_pictures_of_one_run
         let expected = if matches!(end, End::Killed) { None } else { Some(130) };
         assert_eq!(status, expected, "{end:?}");
         let count = pictures(&folder.path(output)).len();
-        assert!((3..25).contains(&count), "{end:?}: it had made {count} pictures");
-        let rest = record(&folder, output, "25", &[]);
-        let there = format!("25 pictures in {output}, {count} of them were there\n");
+        assert!((3..16).contains(&count), "{end:?}: it had made {count} pictures");
+        let rest = record(&folder, output, "16", &[]);
+        let there = format!("16 pictures in {output}, {count} of them were there\n");
         assert_eq!((rest.status, rest.text()), (Some(0), there), "{end:?}: {rest}");
         same_pictures(&folder.path("whole"), &folder.path(output));
     }
