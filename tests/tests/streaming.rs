@@ -198,7 +198,7 @@ fn points_of_a_streamed_cloud_are_mirrors_by_any_attribute_of_its_file() {
 #[test]
 fn damaged_and_deleted_indexes_are_made_again() {
     let folder = folder();
-    folder.write("scan.las", scan(200_000, 0.0, 1.0));
+    folder.write("scan.las", scan(60_000, 0.0, 1.0));
     // The headlight shows every normal without maps of shadows, which take longer than all else.
     let arguments = ["scan.las", "--set", ALWAYS, "--set", "light.by=headlight"];
     let Some((whole, _)) = render(&folder, &arguments) else { return };
