@@ -680,9 +680,18 @@ fn a_far_point_changes_neither_the_light_of_an_open_court_nor_that_of_a_closed_r
     }
 }
 
-/// A ground of 50 by 50 and what stands on it.
+/// A ground of 50 by 50, with fewer points where no camera looks, and what stands on it.
 fn on_wide_ground(mut chunks: Vec<Chunk>) -> Vec<Chunk> {
-    chunks.push(sheet(DVec3::new(-25.0, -25.0, 0.0), [DVec3::X * 50.0, DVec3::Y * 50.0], 0.1));
+    let mut ground = |low: [f64; 2], edges: [f64; 2], step: f64| {
+        chunks.push(sheet(DVec3::new(low[0], low[1], 0.0), [DVec3::X * edges[0], DVec3::Y * edges[1]], step));
+    };
+    ground([-5.0, -10.0], [10.0, 20.0], 0.1);
+    for side in [-25.0, 5.0] {
+        ground([side, -25.0], [20.0, 50.0], 0.5);
+    }
+    for end in [-25.0, 10.0] {
+        ground([-5.0, end], [10.0, 15.0], 0.5);
+    }
     chunks
 }
 
