@@ -31,7 +31,7 @@ fn walls_get_the_light_that_a_mirror_throws_where_it_belongs_and_send_it_on() {
     for variant in [Variant::Sphere, Variant::Torus] {
         let settings = |text: &str| {
             let mut settings: Settings = variant.settings();
-            let all = format!("scene.points=200000 reflection.method=surfel_trace gi.interleave=1 gi.vpls=1024 {text}");
+            let all = format!("scene.points=200000 reflection.method=surfel_trace gi.interleave=1 gi.vpls=256 {text}");
             for (key, value) in all.split_whitespace().map(|word| word.split_once('=').unwrap()) {
                 settings.set_text(key, value).unwrap();
             }
