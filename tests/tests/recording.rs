@@ -651,11 +651,10 @@ fn sub_frames_average_the_light_of_the_pictures_while_the_shutter_is_open() {
         let value = f64::from(value) / 255.0;
         if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
     };
-    let pictures = ["0.5", "0.5625", "0.625", "0.6875"].map(|time| {
-        let words = format!("render ball.toml -o {time}.png --size 64x48 --time {time}");
-        assert_eq!(folder.glint_within(PATIENCE, words.split(' ')).status, Some(0));
-        picture(&format!("{time}.png"))
-    });
+    // The moments of the sub-frames, which are frames of their own here.
+    let words = "record ball.toml -o moments --size 64x48 --fps 16 --frames 8..12";
+    assert_eq!(folder.glint_within(PATIENCE, words.split(' ')).status, Some(0));
+    let pictures = [8, 9, 10, 11].map(|frame| picture(&format!("moments/frame-{frame:06}.png")));
     let whole = picture("blurred/frame-000001.png");
     for (place, value) in whole.as_raw().iter().enumerate() {
         let mean = pictures.iter().map(|picture| light(picture.as_raw()[place])).sum::<f64>() / 4.0;
