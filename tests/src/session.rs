@@ -1,5 +1,5 @@
-//! A private X session without a window manager: Xvfb, the program in it, xdotool for its input and ImageMagick for
-//! screenshots.
+//! A private X session without a window manager: Xvfb, the program in it, xdotool for its input, and the server's own
+//! file of the screen for screenshots.
 
 use std::cell::RefCell;
 use std::ffi::OsStr;
@@ -16,7 +16,7 @@ use crate::Folder;
 /// How long a window or a picture may take to appear: shaders are compiled before the first one, see `program`.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The pause between two screenshots, about as long as taking one.
+/// The pause between two looks at the screen or at what was logged.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// An X server for one test. It ends with the value.
@@ -28,9 +28,13 @@ pub struct Session {
 
 impl Session {
     pub fn start() -> Session {
+        let folder = Folder::new();
         let mut server = Command::new("Xvfb")
             // The server picks a free display and writes its number to descriptor 1.
             .args(["-displayfd", "1", "-screen", "0", "1280x1024x24", "-nolisten", "tcp", "-noreset"])
+            // What is on the screen is in a file, without the pointer, which the server would draw into it.
+            .args(["-nocursor", "-fbdir"])
+            .arg(folder.path(""))
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -44,7 +48,7 @@ impl Session {
         });
         let number = receiver.recv_timeout(PATIENCE).expect("Xvfb tells its display").expect("Xvfb's output");
         // From here on a failed test ends the server.
-        let session = Session { folder: Folder::new(), server, display: format!(":{}", number.trim()) };
+        let session = Session { folder, server, display: format!(":{}", number.trim()) };
         assert!(session.display.len() > 1, "Xvfb ended without a display");
         session
     }
@@ -86,24 +90,50 @@ impl Session {
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// A screenshot of a window, which is given by its number or as `root`.
+    /// What is on the screen.
+    fn screen(&self) -> Option<RgbaImage> {
+        let read = || std::fs::read(self.folder.path("Xvfb_screen0")).ok();
+        let mut file = read()?;
+        // A file that is read while the server draws may hold half of a picture.
+        loop {
+            let again = read()?;
+            if again == file {
+                return picture_of(&file);
+            }
+            file = again;
+        }
+    }
+
+    /// What is on the screen where a window is, which is given by its number.
     fn screenshot(&self, window: &str) -> Option<RgbaImage> {
-        let mut command = Command::new("import");
-        // A PPM picture: packing the pixels as PNG takes an eighth of the time of a test.
-        command.args(["-silent", "-window", window, "-depth", "8", "ppm:-"]).env("DISPLAY", &self.display);
-        let output = command.output().expect("import (ImageMagick) starts");
-        picture_of(&output.stdout)
+        let told = self.xdotool(&["getwindowgeometry", "--shell", window])?;
+        let side = |name: &str| {
+            let value = told.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='))?;
+            value.parse::<u32>().ok()
+        };
+        let (x, y, width, height) = (side("X")?, side("Y")?, side("WIDTH")?, side("HEIGHT")?);
+        Some(image::imageops::crop_imm(&self.screen()?, x, y, width, height).to_image())
     }
 }
 
-/// The picture of a binary PPM file without comments: `P6`, the width, the height, 255, and three bytes a pixel.
+/// The picture of a file in X's format of window dumps, as a server without a screen writes its own: a header of numbers of
+/// 32 bits, a table of colours, and rows of pixels of 32 bits, which are blue, green, red and nothing.
 fn picture_of(file: &[u8]) -> Option<RgbaImage> {
-    let mut parts = file.splitn(4, u8::is_ascii_whitespace);
-    let mut word = || std::str::from_utf8(parts.next()?).ok();
-    let (kind, width, height) = (word()?, word()?.parse().ok()?, word()?.parse().ok()?);
-    let pixels = parts.next()?.strip_prefix(b"255\n")?;
-    let rgba = pixels.as_chunks::<3>().0.iter().flat_map(|[r, g, b]| [*r, *g, *b, 255]).collect();
-    (kind == "P6").then(|| RgbaImage::from_raw(width, height, rgba))?
+    let number = |index: usize| {
+        let bytes = file.get(4 * index..)?.first_chunk()?;
+        usize::try_from(u32::from_be_bytes(*bytes)).ok()
+    };
+    let (header, colors, row) = (number(0)?, number(19)?, number(12)?);
+    let (width, height) = (number(4)?, number(5)?);
+    // Pixels of 32 bits whose first byte is the lowest, and the place of red in them.
+    let is_known = [number(7)?, number(11)?, number(14)?] == [0, 32, 0xff_0000];
+    let rows = file.get(header + 12 * colors..)?.chunks_exact(row).take(height);
+    let mut rgba = rows.map(|row| row.get(..4 * width)).collect::<Option<Vec<_>>>()?.concat();
+    for pixel in rgba.as_chunks_mut::<4>().0 {
+        pixel.swap(0, 2);
+        pixel[3] = 255;
+    }
+    is_known.then(|| RgbaImage::from_raw(width as u32, height as u32, rgba))?
 }
 
 impl Drop for Session {
@@ -317,7 +347,7 @@ impl Window<'_> {
             let state = if self.is_open() { "is open" } else { "has ended" };
             if start.elapsed() > PATIENCE || !self.is_open() {
                 let picture = std::env::temp_dir().join(format!("glint-test-{}.png", self.program.id()));
-                let kept = self.session.screenshot("root").is_some_and(|root| root.save(&picture).is_ok());
+                let kept = self.session.screen().is_some_and(|screen| screen.save(&picture).is_ok());
                 let kept = if kept { format!("; the screen: {}", picture.display()) } else { String::new() };
                 panic!("waited for {what}: the program {state} and said: {}{kept}", self.messages());
             }
@@ -351,7 +381,7 @@ mod tests {
     fn a_session_has_a_screen_of_its_own() {
         let (one, other) = (Session::start(), Session::start());
         assert_ne!(one.display, other.display);
-        let screen = one.screenshot("root").expect("a screenshot");
+        let screen = one.screen().expect("its screen");
         assert_eq!(screen.dimensions(), (1280, 1024));
         assert_eq!(colors(&screen), 1);
     }

@@ -60,8 +60,8 @@ cargo xtask test             Check formatting and lints (where rustfmt and clipp
 cargo xtask test --times     Do the same, and print the tests and the test programs that took longest.
 cargo xtask test --changed   Run only the tests that the changes since the commit in target/tested can touch.
 
-run, test and baseline look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool,
-ImageMagick and spirv-val) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
+run, test and baseline look for what the system lacks first (Vulkan loader and driver, window libraries; for tests also Xvfb, xdotool
+and spirv-val) and install it with apt-get when run as root or where sudo asks for no password; otherwise they print
 the line to type and stop.
 
 Environment of `test`: GLINT_TEST_DATA names the folder of real and malformed point cloud files that tests read (default:
