@@ -22,10 +22,19 @@ pub fn splat_radius(area: f64, points: u64) -> f32 {
 pub fn append(chunks: &mut Vec<Chunk>, mut points: Vec<SurfacePoint>, radius: f32, albedo: impl Fn(DVec3) -> [f64; 3]) {
     sort_along_curve(&mut points);
     let mut first_point = chunks.last().map_or(0, |chunk| chunk.first_point + chunk.len() as u64);
+    // Most neighbours have one colour, which is converted once.
+    let mut last = ([0.0; 3], srgb([0.0; 3]));
+    let mut color = |point: &SurfacePoint| {
+        let linear = albedo(point.position);
+        if linear != last.0 {
+            last = (linear, srgb(linear));
+        }
+        last.1
+    };
     for run in points.chunks(CHUNK_POINTS) {
         let positions = run.iter().map(|point| point.position.as_vec3().to_array()).collect();
         chunks.push(Chunk {
-            colors: Some(Arc::new(run.iter().map(|point| srgb(albedo(point.position))).collect())),
+            colors: Some(Arc::new(run.iter().map(&mut color).collect())),
             normals: Some(Arc::new(run.iter().map(|point| pack_normal(point.normal.as_vec3())).collect())),
             radii: Some(Arc::new(vec![pack_radius(radius); run.len()])),
             ..Chunk::new(first_point, DVec3::ZERO, positions)
