@@ -427,7 +427,7 @@ fn tables_whose_columns_no_line_names_are_found_with_a_guess_and_its_reason() {
         assert_eq!(unnamed(text), None, "{text}");
     }
     let pose = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
-    assert_eq!(unnamed(&format!("1\n2\n{pose}1 2 3 0.5\n4 5 6 0.5\n")), None);
+    assert_eq!(unnamed(format!("1\n2\n{pose}1 2 3 0.5\n4 5 6 0.5\n")), None);
     assert_eq!(codec::unnamed_table(&PathBuf::from("/nothing/is/here.xyz")), None);
     assert_eq!(codec::unnamed_table(&PathBuf::from("https://127.0.0.1:1/a.xyz")), None);
 }
@@ -466,7 +466,8 @@ fn a_point_beside_a_comma_is_never_taken_for_decimals_where_it_may_set_thousands
     ];
     for (text, told) in refused {
         let error = error(text);
-        let end = "a comma, and one of them may set thousands apart; write numbers without separators of thousands";
+        let end = "a comma, and one of them may set thousands apart; write numbers without separators of thousands, or \
+                   leave a column out: --columns skip,x,y,z";
         assert!(error.contains(told) && error.ends_with(end), "{text}: {error}");
     }
     // Times of another program may have points beside coordinates with commas, and dates and texts are no numbers.
@@ -487,23 +488,33 @@ fn a_point_beside_a_comma_is_never_taken_for_decimals_where_it_may_set_thousands
 }
 
 #[test]
-fn a_number_that_may_have_thousands_in_the_middle_of_a_table_ends_its_reading() {
-    let lines = |line: &str| line.repeat(600);
+fn a_number_that_may_have_thousands_in_the_middle_of_a_table_is_told_and_not_read() {
+    // Blank lines and comments are lines, too.
+    let lines = |line: &str, count: usize| "x;y;z\n\n# a comment\n".to_owned() + &line.repeat(count);
     let cases = [
-        (lines("512,25;843,5;336,563\n") + "8.780;843,5;336,563\n", "`8.780` has a point", "`512,25`"),
-        (lines("8,512;8,843;336\n") + "8,780;8,843;336.5\n", "`336.5` has a point", "`8,512`"),
+        ("512,25;843,5;336,563\n", "8.780;843,5;336,563\n", "`8.780` has a point", "`512,25`"),
+        ("8,512;8,843;336\n", "8,780;8,843;336.5\n", "`336.5` has a point", "`8,512`"),
     ];
-    for (text, number, example) in cases {
-        let source = open("x;y;z\n".to_owned() + &text).unwrap().remove(0);
-        let selection = codec::Selection { positions: true, colors: false, normals: false, attributes: Vec::new() };
-        let error = source.read(&selection, &cloud::Progress::default(), &|_| {}).err().unwrap().to_string();
-        let told = format!("point 601: {number}, but numbers before it have a comma, like {example}; write numbers");
-        assert!(error.contains(&told), "{error}");
+    let selection = codec::Selection { positions: true, colors: false, normals: false, attributes: Vec::new() };
+    for (before, odd, number, example) in cases {
+        // Of a long table the other blocks of lines are read.
+        for count in [600, 200_000] {
+            let source = open(lines(before, count) + odd).unwrap().remove(0);
+            let highest = std::sync::Mutex::new(f64::MIN);
+            let read = source.read(&selection, &cloud::Progress::default(), &|chunk| {
+                let mut highest = highest.lock().unwrap();
+                *highest = (0..chunk.len()).map(|at| chunk.position(at).x).fold(*highest, f64::max);
+            });
+            let told = read.map_or_else(|error| error.to_string(), |summary| summary.warnings.concat());
+            let expected = format!("line {}: {number}, but numbers before it have a comma, like {example}", count + 4);
+            assert!(told.contains(&expected), "{count}: {told}");
+            assert!(count == 600 || *highest.lock().unwrap() > 0.0);
+        }
     }
     // Points that can only stand before decimals are read.
-    let text = "x;y;z\n".to_owned() + &lines("512,25;843,5;336,563\n") + "0.780;843.5;1336.563\n";
-    let source = open(text).unwrap().remove(0);
-    assert!((places(&source)[600] - DVec3::new(0.78, 843.5, 1336.563)).length() < 1e-6, "{}", places(&source)[600]);
+    let text = lines("512,25;843,5;336,563\n", 600) + "0.780;843.5;1336.563\n";
+    let last = places(&open(text).unwrap().remove(0))[600];
+    assert!((last - DVec3::new(0.78, 843.5, 1336.563)).length() < 1e-6, "{last}");
 }
 
 #[test]
@@ -513,7 +524,7 @@ fn german_names_of_columns_are_known_in_the_texts_of_older_programs_too() {
         let old: Vec<u8> = line.chars().map(|character| u8::try_from(u32::from(character)).unwrap()).collect();
         for names_line in [line.as_bytes(), &old] {
             let text = [names_line, b"\n1,5;2;3;65\n"].concat();
-            let source = open(&text).unwrap().remove(0);
+            let source = open(text).unwrap().remove(0);
             assert_eq!(names(&source), "x y z Intensität", "{line}");
             assert_eq!(places(&source), [DVec3::new(1.5, 2.0, 3.0)], "{line}");
         }

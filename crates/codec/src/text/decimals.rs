@@ -5,7 +5,7 @@ use super::table::{SKIP, Style, decoded};
 use crate::brief::brief;
 
 /// What is to be done about such a table.
-const REMEDY: &str = "write numbers without separators of thousands";
+const REMEDY: &str = "write numbers without separators of thousands, or leave a column out: --columns skip,x,y,z";
 
 /// Whether the sign could stand before three digits of thousands, as in 8.780 or -12,345.
 fn may_be_of_thousands(number: &[u8], sign: u8) -> bool {

@@ -100,14 +100,14 @@ impl TextRows {
     /// whether all that are `wanted` are there.
     ///
     /// # Errors
-    /// If it cannot be told which sign of a number stands before decimals.
+    /// In words, if it cannot be told which sign of a number stands before decimals.
     fn values(
         &self,
         line: &[u8],
         number: u64,
         wanted: &[bool],
         (values, long): (&mut [f64], &mut [u64]),
-    ) -> io::Result<bool> {
+    ) -> Result<bool, String> {
         values.fill(f64::NAN);
         long.fill(0);
         let mut is_whole = true;
@@ -119,8 +119,7 @@ impl TextRows {
                 is_whole &= value.is_some();
                 if let Some(commas) = self.commas.as_ref().filter(|commas| value.is_some() && commas.contradict(token))
                 {
-                    let problem = format!("point {}: {}", number + 1, commas.problem(token));
-                    return Err(io::Error::new(io::ErrorKind::InvalidData, problem));
+                    return Err(commas.problem(token));
                 }
                 values[property] = value.unwrap_or(f64::NAN);
                 is_whole &= match self.long[property] {
@@ -145,6 +144,18 @@ impl TextRows {
             values[count - 1] = (number / cells.rows.max(1)) as f64;
         }
         Ok(is_whole)
+    }
+}
+
+/// What is wrong with a line, with its number: before it are `lines` of those behind an offset.
+fn problem_of_line(file: &Bytes, newline: u8, (offset, lines): (u64, u64), problem: &str) -> io::Result<io::Error> {
+    let (mut before, mut number) = (Reader::new(file, 0, offset), lines + 1);
+    loop {
+        let run = before.lines(newline)?;
+        if run.is_empty() {
+            return Ok(io::Error::new(io::ErrorKind::InvalidData, format!("line {number}: {problem}")));
+        }
+        number += run.iter().filter(|byte| **byte == newline).count() as u64;
     }
 }
 
@@ -180,20 +191,29 @@ impl RowMaker for TextRows {
         let mut values = vec![f64::NAN; self.element.properties.len()];
         let mut long = vec![0; values.len()];
         let mut reader = Reader::new(file, block.offset, block.end);
-        let (mut rows, mut damaged) = (0, 0);
+        let (mut rows, mut damaged, mut ends) = (0, 0, 0);
         let mut packed: Vec<u8> = Vec::new();
         while rows < block.rows {
             let run = reader.lines(self.newline)?;
             if run.is_empty() {
                 break;
             }
-            let lines = run.split(|byte| *byte == self.newline);
-            for line in lines.filter(|line| has_content(line, self.has_comments)) {
+            let lines = std::iter::zip(ends.., run.split(|byte| *byte == self.newline));
+            for (before, line) in lines {
+                ends = before;
+                if !has_content(line, self.has_comments) {
+                    continue;
+                }
                 if rows == block.rows {
                     break;
                 }
                 let row = block.first_row + rows;
-                damaged += u64::from(!self.values(line, row, &wanted, (&mut values, &mut long))?);
+                match self.values(line, row, &wanted, (&mut values, &mut long)) {
+                    Ok(is_whole) => damaged += u64::from(!is_whole),
+                    Err(problem) => {
+                        return Err(problem_of_line(file, self.newline, (block.offset, before), &problem)?);
+                    }
+                }
                 rows += 1;
                 for (index, column_type) in &kept {
                     let (at, value) = (packed.len(), values[*index]);
