@@ -6,7 +6,7 @@ use egui::{Align2, CentralPanel, Color32, Frame, Panel, Rect, Sense, Ui};
 use crate::shared::language::text;
 use crate::viewer::input::gizmo;
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::focus_ring;
+use crate::viewer::look::widgets::{focus_ring, refused};
 use crate::viewer::panels::{overlay, welcome};
 use crate::viewer::picture::canvas::Picture;
 use crate::viewer::requests::action::Action;
@@ -75,6 +75,7 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     if let Some(problem) = &session.fatal {
         fatal_notice(ui.ctx(), problem, &mut actions);
     }
+    actions.extend(refused().map(Action::Warn));
     focus_ring(ui.ctx());
     actions
 }
@@ -175,7 +176,7 @@ mod tests {
 
     use cloud::Progress;
     use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable as _;
+    use egui_kittest::kittest::{NodeT as _, Queryable as _};
     use param::Params;
     use scene::{Measurement, MeasurementKind, Note, Object, Profile};
     use world::{CloudTask, Mailbox, TaskKind};
@@ -401,6 +402,22 @@ mod tests {
         harness.run_ok();
         let asks = |effect: &Effect| matches!(effect, Effect::AskPlace(Asked::Scene, _));
         assert!(harness.state().outside.effects.iter().any(asks));
+    }
+
+    #[test]
+    fn a_text_that_is_no_number_is_told() {
+        let mut harness = harness();
+        harness.state_mut().act(Action::Search("splat.size".into()));
+        harness.run_ok();
+        harness.get_by_role(egui::accesskit::Role::SpinButton).focus();
+        harness.run_ok();
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+        harness.event(egui::Event::Text("large".into()));
+        harness.run_ok();
+        harness.key_press(egui::Key::Enter);
+        harness.run_ok();
+        let told: Vec<_> = harness.state().outside.messages.all.iter().map(|message| message.text.clone()).collect();
+        assert_eq!(told, ["“large” is no number; 1.0 × stays"]);
     }
 
     #[test]

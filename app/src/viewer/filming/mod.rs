@@ -123,6 +123,7 @@ impl Filming {
             | Action::OpenTab(_)
             | Action::Speak(_)
             | Action::Search(_)
+            | Action::Warn(_)
             | Action::ListMessages(_)
             | Action::DismissMessage(_)
             | Action::Resize(_) => {}

@@ -85,24 +85,81 @@ pub fn choice<'a, T: PartialEq + Copy>(
     .inner
 }
 
-/// The number that a person typed, with a decimal point or comma; `None` where that is not sure: a comma before three
-/// digits separates thousands in English, but not after a zero.
+/// What separates thousands, besides a point or a comma.
+fn is_gap(letter: char) -> bool {
+    letter.is_whitespace() || matches!(letter, '\'' | '’')
+}
+
+/// The number that a person typed, with a decimal point or comma; `None` where that is not sure. Of points and commas, the
+/// last is the decimal one, unless it occurs several times. A single one is always that, but for a comma before three
+/// digits in English, where it separates thousands, if not after a zero.
 pub fn typed_number(text: &str) -> Option<f64> {
-    let text: String = text.chars().filter(|letter| !letter.is_whitespace()).collect();
-    let is_of_thousands = |(before, after): (&str, &str)| {
-        let before = before.trim_start_matches(['-', '−', '+']);
-        is_english() && after.len() == 3 && !before.starts_with('0')
-    };
-    if text.split_once(',').is_some_and(is_of_thousands) {
+    let (sign, text) = sign(text);
+    let marks: Vec<&str> = text.matches(['.', ',']).collect();
+    let decimal = marks.last().filter(|last| marks.iter().filter(|mark| mark == last).count() == 1);
+    let (whole, rest) = decimal.and_then(|mark| text.split_once(mark)).unwrap_or((text, ""));
+    let are_digits = |text: &str| text.bytes().all(|digit| digit.is_ascii_digit());
+    if is_english() && marks == [","] && rest.len() == 3 && are_digits(rest) && !whole.starts_with('0') {
         return None;
     }
-    text.replace(',', ".").replace('−', "-").parse().ok().filter(|number: &f64| number.is_finite())
+    let rest: String = rest.chars().filter(|letter| !is_gap(*letter)).collect();
+    let text = format!("{sign}{}{}{rest}", without_thousands(whole)?, decimal.map_or("", |_| "."));
+    text.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// The whole number that a person typed, whose thousands may be separated by points or commas in every language.
+pub fn typed_whole_number(text: &str) -> Option<f64> {
+    let (sign, digits) = sign(text);
+    let number = without_thousands(digits).and_then(|digits| format!("{sign}{digits}").parse().ok());
+    number.or_else(|| typed_number(text)).filter(|number| number.is_finite() && number.fract() == 0.0)
+}
+
+/// The sign before a number, and what follows it.
+fn sign(text: &str) -> (&str, &str) {
+    let text = text.trim();
+    match text.strip_prefix(['-', '−']) {
+        Some(rest) => ("-", rest.trim_start()),
+        None => ("", text.strip_prefix('+').unwrap_or(text)),
+    }
+}
+
+/// A text without what separates its thousands; `None` where what separates stands elsewhere than before three digits.
+fn without_thousands(text: &str) -> Option<String> {
+    let is_mark = |letter: char| matches!(letter, '.' | ',') || is_gap(letter);
+    let mut marks = text.chars().filter(|letter| is_mark(*letter)).map(|mark| if is_gap(mark) { ' ' } else { mark });
+    let Some(mark) = marks.next() else { return Some(text.to_owned()) };
+    let is_same = marks.all(|other| other == mark);
+    let mut groups = text.split(is_mark);
+    let first = groups.next().unwrap_or_default();
+    let are_digits = |group: &str| group.bytes().all(|digit| digit.is_ascii_digit());
+    let is_first = (1..=3).contains(&first.len()) && are_digits(first) && !first.starts_with('0');
+    let are_thousands = is_same && is_first && groups.all(|group| group.len() == 3 && are_digits(group));
+    are_thousands.then(|| text.split(is_mark).collect())
+}
+
+thread_local! {
+    /// Says which text a field has not taken, until the window does.
+    static REFUSED: RefCell<Option<String>> = const { RefCell::new(None) };
+}
+
+/// Says which text a field has not taken, if one has not since the last call.
+pub fn refused() -> Option<String> {
+    REFUSED.take()
 }
 
 /// A field for a number that is dragged or typed. What is typed counts once it is complete; what is no number changes
 /// nothing.
 pub fn number_field<N: Numeric>(value: &mut N) -> egui::DragValue<'_> {
-    number_field_in_words(value, plain::<N>, typed_number)
+    number_field_in(value, "")
+}
+
+/// A field for a number with its unit behind it, which may be typed, too.
+pub fn number_field_in<'a, N: Numeric>(value: &'a mut N, unit: &'a str) -> egui::DragValue<'a> {
+    egui::DragValue::new(value).format(kept_unless_typed::<N>(plain::<N>, typed::<N>, unit))
+}
+
+fn typed<N: Numeric>(text: &str) -> Option<f64> {
+    if N::INTEGRAL { typed_whole_number(text) } else { typed_number(text) }
 }
 
 /// The most digits of a number of 32 and of 64 bits that is shown in full: such a one was typed or dragged, and a computed
@@ -136,21 +193,35 @@ pub fn number_field_in_words<'a, N: Numeric>(
     written: impl Fn(f64, RangeInclusive<usize>) -> String + 'a,
     read: impl Fn(&str) -> Option<f64> + 'a,
 ) -> egui::DragValue<'a> {
-    egui::DragValue::new(value).format(kept_unless_typed::<N>(written, read))
+    egui::DragValue::new(value).format(kept_unless_typed::<N>(written, read, ""))
 }
 
 /// A slider with such a field. A number that nobody edits keeps all its digits, and its place beyond the ends. Whoever sets
 /// the slider's decimals has it round what is typed, too.
 pub fn number_slider<N: Numeric>(value: &mut N, range: RangeInclusive<N>) -> egui::Slider<'_> {
-    let format = kept_unless_typed::<N>(plain::<N>, typed_number);
+    number_slider_in(value, range, "")
+}
+
+/// A slider for a number with its unit behind it, which may be typed, too.
+pub fn number_slider_in<'a, N: Numeric>(value: &'a mut N, range: RangeInclusive<N>, unit: &'a str) -> egui::Slider<'a> {
+    number_slider_in_words(value, range, kept_unless_typed::<N>(plain::<N>, typed::<N>, unit))
+}
+
+/// A slider for a number that is written and read in a way of its own.
+pub fn number_slider_in_words<'a, N: Numeric>(
+    value: &'a mut N,
+    range: RangeInclusive<N>,
+    format: ValueFormat<'a>,
+) -> egui::Slider<'a> {
     egui::Slider::new(value, range).format(format).clamping(egui::SliderClamping::Edits)
 }
 
 /// Leaves a number as it is while its field has the text that it showed: egui reads the text of a field that was visited as
-/// if it had been typed, and the field may not show all digits. Whole numbers are rounded to such.
-fn kept_unless_typed<'a, N: Numeric>(
+/// if it had been typed, and the field may not show all digits. What is typed and not read is told.
+pub fn kept_unless_typed<'a, N: Numeric>(
     written: impl Fn(f64, RangeInclusive<usize>) -> String + 'a,
     read: impl Fn(&str) -> Option<f64> + 'a,
+    unit: &'a str,
 ) -> ValueFormat<'a> {
     let shown = Rc::new(RefCell::new(String::new()));
     let last = shown.clone();
@@ -159,10 +230,25 @@ fn kept_unless_typed<'a, N: Numeric>(
         shown.replace(text.clone());
         text
     };
-    let whole = |number: f64| if N::INTEGRAL { number.round() } else { number };
-    let read = move |text: &str| if *last.borrow() == text { None } else { read(text).map(whole) };
+    let read = move |text: &str| {
+        let (value, text) = (last.borrow(), text.trim());
+        if *value == text {
+            return None;
+        }
+        let number = read(text.strip_suffix(unit.trim()).unwrap_or(text));
+        if number.is_none() && !text.is_empty() {
+            let value = format_args!("{value}{unit}");
+            REFUSED.set(Some(if N::INTEGRAL {
+                text!("“{text}” is no whole number; {value} stays", text, value)
+            } else {
+                text!("“{text}” is no number; {value} stays", text, value)
+            }));
+        }
+        number
+    };
     let format = ValueFormat::default().custom_formatter(written).custom_parser(read).update_while_editing(false);
-    format.max_decimals_opt(N::INTEGRAL.then_some(0))
+    let format = format.max_decimals_opt(N::INTEGRAL.then_some(0));
+    if unit.is_empty() { format } else { format.suffix(unit) }
 }
 
 /// Draws a line with a slider.
@@ -196,7 +282,7 @@ pub fn three(ui: &mut Ui, name: &str, value: DVec3, speed: f64, suffix: &str) ->
         ui.spacing_mut().button_padding.x = 2.0;
         let width = ((ui.available_width() - 6.0) / 3.0).floor().max(40.0);
         for axis in 0..3 {
-            let drag = number_field(&mut edited[axis]).speed(speed).suffix(suffix).max_decimals(4);
+            let drag = number_field_in(&mut edited[axis], suffix).speed(speed).max_decimals(4);
             ui.add_sized([width, ui.spacing().interact_size.y], drag).labelled_by(label.id);
         }
     };
@@ -420,39 +506,112 @@ mod tests {
         harness.run();
         let fields = harness.get_all_by_role(egui::Role::SpinButton).filter_map(|field| field.value());
         assert_eq!(fields.collect::<Vec<_>>(), ["6", "1", "12"]);
-        // What is typed is rounded to a whole number.
-        harness.get_all_by_role(egui::Role::SpinButton).next().unwrap().focus();
-        harness.run();
-        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
-        harness.run();
-        harness.get_by(|node| node.is_focused()).type_text("2.7");
-        harness.run();
-        harness.key_press(egui::Key::Enter);
-        harness.run();
-        assert_eq!(*harness.state(), (3, 1, 12));
+        // What is typed has separators of thousands and no decimals.
+        let mut typed = |text: &str| {
+            harness.get_all_by_role(egui::Role::SpinButton).next().unwrap().focus();
+            harness.run();
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.run();
+            harness.get_by(|node| node.is_focused()).type_text(text);
+            harness.run();
+            harness.key_press(egui::Key::Enter);
+            harness.run();
+            (*harness.state(), refused())
+        };
+        assert_eq!(typed("500.000"), ((500_000, 1, 12), None));
+        let told = Some("“2.7” is no whole number; 500000 stays".to_owned());
+        assert_eq!(typed("2.7"), ((500_000, 1, 12), told));
     }
 
     #[test]
-    fn numbers_have_a_decimal_point_or_comma_and_what_is_not_sure_is_none() {
+    fn whole_numbers_have_separators_of_thousands_in_each_language() {
         let speak = |language| crate::shared::language::speak(language);
-        speak(scene::Language::English);
         let typed = [
-            ("1.5", Some(1.5)),
-            (" −2,25 ", Some(-2.25)),
-            ("1e3", Some(1000.0)),
-            ("1 234.5", Some(1234.5)),
-            ("-0,125", Some(-0.125)),
+            ("500.000", 500_000.0),
+            ("750,000", 750_000.0),
+            ("16.384", 16_384.0),
+            ("2.500.000", 2_500_000.0),
+            ("2 500 000", 2_500_000.0),
+            ("2\u{202f}500\u{a0}000", 2_500_000.0),
+            ("2'500'000", 2_500_000.0),
+            (" −1,000 ", -1000.0),
+            ("1e7", 1e7),
+            ("1,5e6", 1_500_000.0),
+            ("12", 12.0),
+            ("12,0", 12.0),
         ];
-        for (text, number) in typed {
-            assert_eq!(typed_number(text), number, "{text}");
+        for language in [scene::Language::German, scene::Language::English] {
+            speak(language);
+            for (text, number) in typed {
+                assert_eq!(typed_whole_number(text), Some(number), "{text}");
+            }
+            for text in ["2.7", "0,500", "1.234,567", "1234.567", "1.23.456", "12 34", "two", "", "inf", "."] {
+                assert_eq!(typed_whole_number(text), None, "{text}");
+            }
         }
-        for text in ["1,234", "1,234.5", "1.234,5", "1,2,3", "nan", "inf", "1e999", "", "two"] {
-            assert_eq!(typed_number(text), None, "{text}");
+    }
+
+    #[test]
+    fn numbers_have_a_decimal_point_or_comma_and_thousands_and_what_is_not_sure_is_none() {
+        let speak = |language| crate::shared::language::speak(language);
+        let typed = [
+            ("1.5", 1.5),
+            (" −2,25 ", -2.25),
+            ("1e3", 1000.0),
+            ("1 234.5", 1234.5),
+            ("-0,125", -0.125),
+            (".5", 0.5),
+            ("1.234", 1.234),
+            ("0.123 456", 0.123_456),
+            ("1,234.5", 1234.5),
+            ("1.250,5", 1250.5),
+            ("636.710,25", 636_710.25),
+            ("3.636.710", 3_636_710.0),
+            ("5,413,587.34", 5_413_587.34),
+            ("5 413 587,34", 5_413_587.34),
+            ("2'600'000.5", 2_600_000.5),
+        ];
+        for language in [scene::Language::German, scene::Language::English] {
+            speak(language);
+            for (text, number) in typed {
+                assert_eq!(typed_number(text), Some(number), "{text}");
+            }
+            for text in ["1,2,3", "1.2.345", "12.34,5", "1.234.567,8,9", "12 34", "nan", "inf", "1e999", "", ".", "two"]
+            {
+                assert_eq!(typed_number(text), None, "{text}");
+            }
         }
+        assert_eq!(["1,234", "0,123"].map(typed_number), [None, Some(0.123)]);
         speak(scene::Language::German);
-        let german = ["1,234", "0,5", "1.234", "1.234,5"].map(typed_number);
+        let german = typed_number("636,712");
         speak(scene::Language::English);
-        assert_eq!(german, [Some(1.234), Some(0.5), Some(1.234), None]);
+        assert_eq!(german, Some(636.712));
+    }
+
+    #[test]
+    fn a_unit_that_a_field_shows_may_be_typed_and_what_is_no_number_is_told() {
+        let mut harness = egui_kittest::Harness::new_ui_state(
+            |ui, value: &mut f64| {
+                ui.add(number_field_in(value, " m").max_decimals(2)).accessible_name("Width");
+            },
+            1.0,
+        );
+        let mut typed = |text: &str| {
+            harness.get_by_role(egui::Role::SpinButton).focus();
+            harness.run();
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.run();
+            harness.get_by(|node| node.is_focused()).type_text(text);
+            harness.run();
+            harness.key_press(egui::Key::Enter);
+            harness.run();
+            (*harness.state(), refused())
+        };
+        for (text, number) in [("2,5 m", 2.5), ("3m", 3.0), ("1.250,5 m", 1250.5), ("2.5", 2.5)] {
+            assert_eq!(typed(text), (number, None), "{text}");
+        }
+        let told = Some("“2,5 km” is no number; 2.5 m stays".to_owned());
+        assert_eq!(typed("2,5 km"), (2.5, told));
     }
 
     #[test]

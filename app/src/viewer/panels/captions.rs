@@ -4,7 +4,7 @@ use egui::{ComboBox, TextEdit, Ui};
 use scene::{Caption, Place};
 
 use crate::shared::language::{english, text, translated};
-use crate::viewer::look::widgets::number_field;
+use crate::viewer::look::widgets::number_field_in;
 
 const PLACES: [(Place, &str); 3] =
     [(Place::Top, english!("top")), (Place::Middle, english!("middle")), (Place::Bottom, english!("bottom"))];
@@ -24,7 +24,7 @@ pub fn row(ui: &mut Ui, caption: &mut Caption, end: f64) {
         }
         if let Some(end) = &mut caption.end {
             ui.label(text!("until"));
-            let drag = number_field(end).speed(0.02).range(caption.start + 0.01..=1e6).suffix(" s");
+            let drag = number_field_in(end, " s").speed(0.02).range(caption.start + 0.01..=1e6);
             ui.add(drag.fixed_decimals(2)).accessible_name(text!("End of the caption"));
         }
         let shown = PLACES.iter().find(|(place, _)| *place == caption.place).map_or("", |(_, name)| translated(name));
@@ -36,7 +36,7 @@ pub fn row(ui: &mut Ui, caption: &mut Caption, end: f64) {
         });
         list.response.accessible_name(text!("Place of the caption"));
         let mut percent = caption.size * 100.0;
-        let drag = number_field(&mut percent).speed(0.05).range(1.0..=10.0).suffix(" %").max_decimals(1);
+        let drag = number_field_in(&mut percent, " %").speed(0.05).range(1.0..=10.0).max_decimals(1);
         let drag = ui.add(drag).on_hover_text(text!("Height of the text, of that of the picture"));
         if drag.accessible_name(text!("Size of the caption")).changed() {
             caption.size = percent / 100.0;

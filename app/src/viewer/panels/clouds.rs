@@ -9,7 +9,7 @@ use crate::overlays::legend;
 use crate::shared::language::text;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
-use crate::viewer::look::widgets::{eye, name_label, number_slider, three};
+use crate::viewer::look::widgets::{eye, name_label, number_slider_in, three};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::figures::Figures;
 use crate::viewer::panels::clips::range_button;
@@ -123,7 +123,7 @@ fn own_look(ui: &mut Ui, session: &Session, entry: &CloudEntry, actions: &mut Ve
     color_line(ui, &color, "plain", &mut own);
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Point size"));
-        let slider = number_slider(&mut own.size, CloudSettings::SIZES).logarithmic(true).suffix(" ×");
+        let slider = number_slider_in(&mut own.size, CloudSettings::SIZES, " ×").logarithmic(true);
         ui.add(slider.clamping(egui::SliderClamping::Edits)).labelled_by(label.id);
         as_the_view(ui, text!("Point size"), own.size != 1.0).then(|| own.size = 1.0);
     });

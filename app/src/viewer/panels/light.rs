@@ -7,7 +7,7 @@ use scene::{ExposureFit, Lighting, Object, SpotLight};
 
 use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{name_label, number_field, three};
+use crate::viewer::look::widgets::{name_label, number_field, number_field_in, three};
 use crate::viewer::objects::{ObjectId, PlacedLight};
 use crate::viewer::panels::mirrors::object_list;
 use crate::viewer::panels::parameters::{parameter, parameters};
@@ -176,7 +176,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut light: SpotLight, a
     });
     ui.horizontal(|ui| {
         let label = name_label(ui, text!("Cone"));
-        let angle = |value| number_field(value).speed(0.2).suffix("°").max_decimals(3).clamp_existing_to_range(false);
+        let angle = |value| number_field_in(value, "°").speed(0.2).max_decimals(3).clamp_existing_to_range(false);
         let (inner, outer) = (light.inner_degrees, light.outer_degrees);
         let inner_drag = angle(&mut light.inner_degrees).range(0.0..=outer);
         ui.add(inner_drag).labelled_by(label.id).on_hover_text(text!("From the axis: as bright as it gets up to here"));

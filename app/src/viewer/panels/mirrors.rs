@@ -6,7 +6,9 @@ use scene::{METHODS, Method, Mirror, MirrorSurface, Object, REFRACTION, Shape};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{choice, name_field, name_label, number_field, number_slider, slider, three};
+use crate::viewer::look::widgets::{
+    choice, name_field, name_label, number_field, number_slider, number_slider_in, slider, three,
+};
 use crate::viewer::objects::ObjectId;
 use crate::viewer::panels::marking;
 use crate::viewer::requests::action::{Action, Filing};
@@ -77,7 +79,7 @@ fn inspection(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     slider(ui, text!("Distance"), number_slider(&mut pose.distance, 0.005..=0.9).logarithmic(true))
         .on_hover_text(text!("From the surface, as a share of the way to the eye"));
     let mut tilt = pose.tilt.to_degrees();
-    if slider(ui, text!("Tilt"), number_slider(&mut tilt, -170.0..=170.0).suffix("°")).changed() {
+    if slider(ui, text!("Tilt"), number_slider_in(&mut tilt, -170.0..=170.0, "°")).changed() {
         pose.tilt = tilt.to_radians();
     }
     slider(ui, text!("Size"), number_slider(&mut pose.size, 0.01..=0.5).logarithmic(true))

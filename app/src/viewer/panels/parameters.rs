@@ -7,7 +7,10 @@ use param::{Field, Group, Kind, Params, Value};
 
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{name_label, number_field, number_slider};
+use crate::viewer::look::widgets::{
+    kept_unless_typed, name_label, number_field, number_slider_in, number_slider_in_words, typed_number,
+    typed_whole_number,
+};
 use crate::viewer::requests::action::Action;
 use crate::viewer::scene::idle;
 
@@ -175,10 +178,10 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             ui.checkbox(&mut on, "").labelled_by(label).changed().then_some(Value::Bool(on))
         }
         (Kind::F32 { min, max, .. }, Value::F32(mut number)) => {
-            let slider = number_slider(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
+            let slider = number_slider_in(&mut number, *min..=*max, suffix(field.unit));
             // A logarithmic slider that begins at 0 spans four decades, with 0 at its end.
-            let slider = slider.smallest_positive(f64::from(*max) * 1e-4);
-            ui.add(slider.suffix(suffix(field.unit))).labelled_by(label).changed().then_some(Value::F32(number))
+            let slider = slider.logarithmic(field.is_logarithmic()).smallest_positive(f64::from(*max) * 1e-4);
+            ui.add(slider).labelled_by(label).changed().then_some(Value::F32(number))
         }
         // A slider over all 32-bit numbers would be of no use, so these are dragged and typed.
         (Kind::U32 { min, max: u32::MAX, .. }, Value::U32(mut number)) => {
@@ -186,8 +189,11 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
             ui.add(drag).labelled_by(label).changed().then_some(Value::U32(number))
         }
         (Kind::U32 { min, max, .. }, Value::U32(mut number)) => {
-            let slider = number_slider(&mut number, *min..=*max).logarithmic(field.is_logarithmic());
-            ui.add(slider.suffix(suffix(field.unit))).labelled_by(label).changed().then_some(Value::U32(number))
+            let slider = number_slider_in(&mut number, *min..=*max, suffix(field.unit));
+            ui.add(slider.logarithmic(field.is_logarithmic()))
+                .labelled_by(label)
+                .changed()
+                .then_some(Value::U32(number))
         }
         (Kind::Choice { names, .. }, Value::Choice(index)) => {
             let mut chosen = index as usize;
@@ -215,11 +221,10 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
         }
         (Kind::Bytes { min, max, .. }, Value::Bytes(bytes)) => {
             let mut number = bytes.0 as f64;
-            let slider = number_slider(&mut number, min.0 as f64..=max.0 as f64).logarithmic(true);
-            let slider = slider
-                .custom_formatter(|number, _| param::Bytes(number as u64).to_string())
-                .custom_parser(|text| text.replace(',', ".").parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64));
-            let response = ui.add(slider).labelled_by(label);
+            let written = |number, _| param::Bytes(number as u64).to_string();
+            let format = kept_unless_typed::<f64>(written, typed_bytes, "");
+            let slider = number_slider_in_words(&mut number, min.0 as f64..=max.0 as f64, format);
+            let response = ui.add(slider.logarithmic(true)).labelled_by(label);
             let exact = param::Bytes(number as u64);
             response.changed().then(|| Value::Bytes(if response.dragged() { even_amount(exact) } else { exact }))
         }
@@ -229,6 +234,13 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
         }
         _ => None,
     }
+}
+
+/// The bytes that a person typed, with a unit or without. What would be thousands in a whole number is that here, too.
+fn typed_bytes(text: &str) -> Option<f64> {
+    let (number, unit) = text.split_at(text.find(|letter: char| letter.is_ascii_alphabetic()).unwrap_or(text.len()));
+    let number = typed_whole_number(number).or_else(|| typed_number(number))?;
+    format!("{number}{unit}").parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64)
 }
 
 /// Rounds to the nearest amount that people would write, with eight steps to a doubling.
@@ -325,6 +337,17 @@ mod tests {
                 assert!(harness.query_all_by_label(&title(field.name)).next().is_some(), "{}", field.name);
             }
         }
+    }
+
+    #[test]
+    fn amounts_of_memory_have_separators_of_thousands() {
+        let mebi = f64::from(1 << 20);
+        let typed = [("2.048MiB", 2048.0), ("2,048 MiB", 2048.0), ("1,5 MiB", 1.5), ("512mib", 512.0)];
+        for (text, number) in typed {
+            assert_eq!(typed_bytes(text), Some(number * mebi), "{text}");
+        }
+        assert_eq!(typed_bytes("1.000.000"), Some(1e6));
+        assert!(["", "MiB", "two", "1.2.3 MiB", "5 apples", "-1"].iter().all(|text| typed_bytes(text).is_none()));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use egui::{Key, RichText, Ui};
 
 use crate::shared::language::text;
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{name_label, number_field, progress_bar};
+use crate::viewer::look::widgets::{name_label, number_field, number_field_in, progress_bar};
 use crate::viewer::requests::action::{Action, Film};
 use crate::viewer::requests::bindings;
 use crate::viewer::requests::recording::Wanted;
@@ -84,7 +84,7 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) -> bool {
         }
     });
     line(ui, text!("Frame rate"), &mut |ui, label| {
-        ui.add(number_field(&mut wanted.fps).range(1..=1000).suffix(text!(" a second"))).labelled_by(label);
+        ui.add(number_field_in(&mut wanted.fps, text!(" a second")).range(1..=1000)).labelled_by(label);
     });
     let duration = session.filming.timeline.path(&session.scene).map_or(0.0, |path| path.duration());
     let all = (duration * f64::from(wanted.fps) - 1e-6).ceil().max(1.0) as u32;
@@ -112,7 +112,7 @@ fn fields(ui: &mut Ui, session: &Session, wanted: &mut Wanted) -> bool {
         }
     });
     line(ui, text!("Supersampling"), &mut |ui, label| {
-        let drag = number_field(&mut wanted.supersample).range(1..=8).suffix(text!(" × a side"));
+        let drag = number_field_in(&mut wanted.supersample, text!(" × a side")).range(1..=8);
         ui.add(drag).labelled_by(label);
     });
     if wanted.output.ends_with(".mp4") {

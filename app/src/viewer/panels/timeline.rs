@@ -9,7 +9,7 @@ use scene::{CameraPath, Caption, Ease, Motion, WIPE};
 
 use crate::shared::language::{english, text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{name_label, number_field};
+use crate::viewer::look::widgets::{name_label, number_field_in};
 use crate::viewer::panels::{captions, wipe};
 use crate::viewer::requests::action::{Action, Film, PathPreset};
 use crate::viewer::requests::bindings;
@@ -172,7 +172,7 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
             let unit = units.rise().map_or(String::new(), |unit| format!(" {unit}"));
             let before = session.filming.height(&units);
             let mut height = before;
-            let drag = number_field(&mut height).range(-1e6..=1e6).speed(before.abs().max(0.1) * 0.01).suffix(unit);
+            let drag = number_field_in(&mut height, &unit).range(-1e6..=1e6).speed(before.abs().max(0.1) * 0.01);
             ui.add(drag).labelled_by(label.id);
             if height != before {
                 push(Film::FlyAt(height));
@@ -190,7 +190,7 @@ fn head(ui: &mut Ui, session: &Session, path: Option<&CameraPath>, push: &mut im
             push(Film::Repeat(repeats));
         }
         let mut time = timeline.time;
-        let drag = number_field(&mut time).speed(0.02).range(0.0..=LATEST).suffix(" s");
+        let drag = number_field_in(&mut time, " s").speed(0.02).range(0.0..=LATEST);
         if ui.add(drag.fixed_decimals(2)).accessible_name(text!("Time")).changed() {
             push(Film::Scrub(time));
         }
@@ -277,7 +277,7 @@ fn options(
     }
     if let Some(speed) = &mut path.speed {
         let step = *speed * 0.01;
-        let drag = number_field(speed).speed(step).range(1e-6..=1e9).suffix(text!(" units/s"));
+        let drag = number_field_in(speed, text!(" units/s")).speed(step).range(1e-6..=1e9);
         ui.add(drag).accessible_name(text!("Speed"));
     }
     let mut is_loop = path.is_loop;
@@ -287,7 +287,7 @@ fn options(
     let Some(key) = *selected else { return };
     ui.separator();
     let mut at = time_of(path, key).unwrap_or_default();
-    let drag = number_field(&mut at).speed(0.02).range(0.0..=LATEST).suffix(" s").fixed_decimals(2);
+    let drag = number_field_in(&mut at, " s").speed(0.02).range(0.0..=LATEST).fixed_decimals(2);
     if ui
         .add(drag)
         .on_hover_text(text!("The time of the selected key"))

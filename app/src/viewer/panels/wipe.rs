@@ -5,7 +5,7 @@ use scene::{CameraPath, METHODS, MOST_STATES, Method, RAY_TRACE, WIPE, WipeState
 
 use crate::shared::language::text;
 use crate::viewer::filming::presets;
-use crate::viewer::look::widgets::number_field;
+use crate::viewer::look::widgets::number_field_in;
 use crate::viewer::panels::truth::tag;
 use crate::viewer::requests::action::Film;
 use crate::viewer::session::Session;
@@ -66,7 +66,7 @@ pub fn row(ui: &mut Ui, session: &Session, path: &mut CameraPath) {
             if index > 0 {
                 let line = &mut lines[index - 1];
                 let mut percent = *line * 100.0;
-                let drag = number_field(&mut percent).speed(0.2).range(0.0..=100.0).suffix(" %").max_decimals(1);
+                let drag = number_field_in(&mut percent, " %").speed(0.2).range(0.0..=100.0).max_decimals(1);
                 let help = text!("Where the line stands, of the picture's width: a key at the time of the mark");
                 let drag = ui.add(drag).on_hover_text(help).accessible_name(text!("Line {index}", index));
                 if drag.changed() {

@@ -471,6 +471,8 @@ pub enum Action {
     ChangePalette(Option<Box<Palette>>),
     ToggleFullScreen,
     ToggleShortcuts,
+    /// Tells a person that something that they typed is not taken.
+    Warn(String),
     ListMessages(bool),
     /// The index of the message in the list.
     DismissMessage(usize),

@@ -148,6 +148,7 @@ impl Session {
                 self.outside.push(Effect::SetFullScreen(self.is_full_screen));
             }
             Action::ToggleShortcuts => self.shortcuts_are_open = !self.shortcuts_are_open,
+            Action::Warn(text) => self.outside.warning(text),
             Action::ListMessages(is_open) => self.outside.messages.list_is_open = is_open,
             Action::DismissMessage(place) => self.outside.messages.dismiss(place),
             Action::Resize(size) => self.set_view_size(size),
