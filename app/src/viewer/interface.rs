@@ -405,6 +405,17 @@ mod tests {
     }
 
     #[test]
+    fn a_tab_comes_into_view_while_a_search_has_a_text() {
+        let mut harness = harness();
+        harness.state_mut().act(Action::Search("budget".into()));
+        harness.state_mut().act(Action::OpenTab(Tab::Light));
+        assert_eq!(
+            (harness.state().preferences.tab.as_str(), harness.state().search.as_str()),
+            (Tab::Light.name(), "")
+        );
+    }
+
+    #[test]
     fn a_text_that_is_no_number_is_told() {
         let mut harness = harness();
         harness.state_mut().act(Action::Search("splat.size".into()));

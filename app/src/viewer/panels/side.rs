@@ -86,7 +86,7 @@ fn follow_selection(ui: &Ui, session: &Session, actions: &mut Vec<Action>) {
         Some(Object::Clip(_)) => Tab::Data,
         _ => return,
     };
-    actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
+    actions.push(Action::OpenTab(tab));
 }
 
 fn tab_row(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
@@ -99,7 +99,7 @@ fn tab_row(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let is_open = tab == open && session.search.is_empty();
             let name = RichText::new(translated(tab.name())).size(11.5);
             if ui.selectable_label(is_open, name).on_hover_text(tab.help()).clicked() {
-                actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
+                actions.push(Action::OpenTab(tab));
             }
         }
     });
@@ -147,7 +147,7 @@ fn found(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let tab = Tab::of_section(group.section);
             let place = format!("{} · {}", translated(tab.name()), translated(subject(group)));
             if ui.link(RichText::new(place).small()).on_hover_text(text!("Open its tab")).clicked() {
-                actions.extend([Action::OpenTab(tab), Action::Search(String::new())]);
+                actions.push(Action::OpenTab(tab));
             }
             panels::reflections::unused_notice(ui, session, group, actions);
             for field in fields {

@@ -132,7 +132,10 @@ impl Session {
             Action::EndTool => self.end_tool(),
             Action::ToggleInterface => self.interface_is_hidden = !self.interface_is_hidden,
             Action::TogglePanel => self.preferences.panel_is_open = !self.preferences.panel_is_open,
-            Action::OpenTab(tab) => self.preferences.tab = tab.name().to_owned(),
+            Action::OpenTab(tab) => {
+                self.preferences.tab = tab.name().to_owned();
+                self.search.clear();
+            }
             Action::Speak(language) => self.preferences.language = language,
             Action::Search(text) => self.search = text,
             Action::FindParameter(key) => {
