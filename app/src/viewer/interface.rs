@@ -18,6 +18,7 @@ use crate::viewer::{input, panels};
 /// Draws the whole window. `picture` is the render thread's last frame. Returns what the user asked for, in order.
 pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Action> {
     let mut actions = open_dropped(ui);
+    let asks_for_palette = input::before_widgets(ui, session);
     let mut lights_are_shown = false;
     if !session.interface_is_hidden {
         Panel::bottom("status")
@@ -74,6 +75,9 @@ pub fn show(ui: &mut Ui, session: &Session, picture: Option<&Picture>) -> Vec<Ac
     panels::leaving::show(ui.ctx(), session, &mut actions);
     if let Some(problem) = &session.fatal {
         fatal_notice(ui.ctx(), problem, &mut actions);
+    }
+    if asks_for_palette {
+        input::open_palette(ui, &mut actions);
     }
     actions.extend(refused().map(Action::Warn));
     focus_ring(ui.ctx());
@@ -405,6 +409,26 @@ mod tests {
     }
 
     #[test]
+    fn the_palette_opens_from_a_field_of_text_whose_text_stays() {
+        for key in [egui::Key::P, egui::Key::K] {
+            let mut harness = harness();
+            harness.state_mut().act(Action::Search("budget".into()));
+            harness.run_ok();
+            harness.get_by_label("Find a parameter").focus();
+            harness.run_ok();
+            harness.key_press(egui::Key::Home);
+            harness.run_ok();
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, key);
+            harness.run_ok();
+            harness.event(egui::Event::Text("truth".into()));
+            harness.run_ok();
+            let session = harness.state();
+            assert_eq!(session.palette.as_ref().expect("the palette is open").text, "truth");
+            assert_eq!(session.search, "budget");
+        }
+    }
+
+    #[test]
     fn a_tab_comes_into_view_while_a_search_has_a_text() {
         let mut harness = harness();
         harness.state_mut().act(Action::Search("budget".into()));
@@ -413,6 +437,26 @@ mod tests {
             (harness.state().preferences.tab.as_str(), harness.state().search.as_str()),
             (Tab::Light.name(), "")
         );
+    }
+
+    #[test]
+    fn a_number_begun_on_a_slider_goes_to_its_field_and_is_no_shortcut() {
+        let mut harness = harness();
+        harness.state_mut().act(Action::Search("splat.size".into()));
+        harness.run_ok();
+        let by = |harness: &Harness<'_, Session>| harness.state().scene.settings.color.by;
+        let before = by(&harness);
+        harness.get_by_role_and_label(egui::accesskit::Role::Slider, "Size").focus();
+        harness.run_ok();
+        harness.key_press(egui::Key::Num2);
+        harness.event(egui::Event::Text("2".into()));
+        harness.run_ok();
+        harness.event(egui::Event::Text(",5".into()));
+        harness.run_ok();
+        harness.key_press(egui::Key::Enter);
+        harness.run_ok();
+        assert_eq!(by(&harness), before);
+        assert_eq!(harness.state().scene.settings.splat.size, 2.5);
     }
 
     #[test]

@@ -27,6 +27,74 @@ const LONGEST_STEP: f32 = 0.5;
 /// How much faster it turns at most while the key for moving fast is down.
 const MOST_ARROW_FACTOR: f64 = 2.0;
 
+/// What is done before any widget sees the input of a frame of the window. Returns whether the palette was asked for from a
+/// field of text, which takes the key for a letter or more else; `open_palette` opens it once the field has the rest.
+pub fn before_widgets(ui: &Ui, session: &Session) -> bool {
+    let was_by_key = ui.data(|data| data.get_temp(last_input())).unwrap_or(false);
+    let is_by_key = ui.input(|input| {
+        input.events.iter().fold(was_by_key, |before, event| match event {
+            Event::Key { pressed: true, .. } => true,
+            Event::PointerMoved(_) | Event::PointerButton { .. } | Event::MouseWheel { .. } => false,
+            _ => before,
+        })
+    });
+    ui.data_mut(|data| data.insert_temp(last_input(), is_by_key));
+    begin_number(ui);
+    let is_free = !has_dialog(session) && session.path_prompt.is_none() && !session.document.asks();
+    let asks = |event: &mut Event| pressed(event, session) == Some(Action::TogglePalette);
+    is_free && ui.ctx().text_edit_focused() && ui.input_mut(|input| input.events.extract_if(.., asks).count()) > 0
+}
+
+/// Opens the palette from a field of text, where what is typed counts.
+pub fn open_palette(ui: &Ui, actions: &mut Vec<Action>) {
+    if let Some(field) = ui.memory(|memory| memory.focused()) {
+        ui.memory_mut(|memory| memory.surrender_focus(field));
+    }
+    actions.push(Action::TogglePalette);
+}
+
+/// Where egui keeps whether the last input was that of a key.
+fn last_input() -> egui::Id {
+    egui::Id::unique("the last input was a key")
+}
+
+/// Whether a person has last used the keyboard, and not the mouse.
+pub fn is_by_keyboard(ui: &Ui) -> bool {
+    ui.data(|data| data.get_temp(last_input())).unwrap_or(false)
+}
+
+/// Whether the widget that has the keyboard is a slider: of those that can have it, only these are dragged and not clicked.
+fn is_on_slider(ui: &Ui) -> bool {
+    let focused = ui.memory(|memory| memory.focused()).and_then(|id| ui.ctx().read_response(id));
+    focused.is_some_and(|response| response.sense.senses_drag() && !response.sense.senses_click())
+}
+
+/// Hands what begins a number from a slider to its field, which is the next widget and has the keyboard a frame later.
+fn begin_number(ui: &Ui) {
+    let place = egui::Id::unique("a number that was begun on a slider");
+    if let Some(typed) = ui.data_mut(|data| data.remove_temp::<Vec<Event>>(place)) {
+        ui.input_mut(|input| drop(input.events.splice(0..0, typed)));
+        return;
+    }
+    let begins = |event: &Event| matches!(event, Event::Text(text) if text.starts_with(|letter: char| letter.is_ascii_digit() || "-−.,".contains(letter)));
+    let is_plain = ui.input(|input| !input.modifiers.command && !input.modifiers.alt);
+    let Some(first) = ui.input(|input| input.events.iter().position(begins)).filter(|_| is_plain && is_on_slider(ui))
+    else {
+        return;
+    };
+    let typed: Vec<Event> = ui.input_mut(|input| {
+        input.events.extract_if(first.., |event| matches!(event, Event::Text(_) | Event::Key { .. })).collect()
+    });
+    ui.memory_mut(|memory| memory.move_focus(egui::FocusDirection::Next));
+    ui.data_mut(|data| data.insert_temp(place, typed));
+    ui.ctx().request_repaint();
+}
+
+/// Whether a dialog takes the keys that none of its fields takes, too.
+fn has_dialog(session: &Session) -> bool {
+    session.palette.is_some() || session.tools.picture_draft.is_some() || session.filming.recording.asked.is_some()
+}
+
 /// Turns all input over the picture and from the keyboard since the last frame of the window into actions. `picture` is
 /// the response of the picture's rectangle, which senses clicks and drags. `is_taken` says that the mouse is on a
 /// handle.
@@ -38,9 +106,6 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
     let scale = f64::from(ui.ctx().pixels_per_point());
     // Once a note has its place, keys are its text, which must not act before its field is there.
     let awaits_text = |placing: &Placing| placing.wanted == Wanted::Note && placing.has_begun();
-    // A dialog takes the keys that none of its fields takes, too.
-    let has_dialog =
-        session.palette.is_some() || session.tools.picture_draft.is_some() || session.filming.recording.asked.is_some();
     if is_typing || list_has_keys(ui) || session.tools.measurements.placing.as_ref().is_some_and(awaits_text) {
         hold(session, [false; 3], actions);
         if session.palette.is_none() && session.path_prompt.is_none() && !session.document.asks() {
@@ -49,7 +114,7 @@ pub fn handle(ui: &Ui, picture: &Response, is_taken: bool, session: &Session, ac
                 save_after_typing(ui, action, actions);
             }
         }
-    } else if !has_dialog {
+    } else if !has_dialog(session) {
         let mut events = ui.input(|input| input.events.clone());
         if session.document.asks() {
             // Esc answers the question; what is pressed after it, in the same frame of the window, acts.
@@ -122,9 +187,13 @@ fn shortcut_keys() -> egui::Id {
 }
 
 /// Whether a key belongs to the widget that has the keyboard: it presses the widget, moves its value, or goes to
-/// another one.
-fn is_of_widget(ui: &Ui, key: egui::Key) -> bool {
+/// another one, or begins the number of a slider.
+fn is_of_widget(ui: &Ui, key: egui::Key, modifiers: egui::Modifiers) -> bool {
     use egui::Key;
+    let is_of_number = digit(key).is_some() || matches!(key, Key::Minus | Key::Period | Key::Comma);
+    if is_of_number && modifiers.is_none() && is_on_slider(ui) {
+        return true;
+    }
     let has_focus = ui.memory(|memory| memory.focused().is_some());
     let is_taken =
         matches!(key, Key::Enter | Key::Space | Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown);
@@ -158,9 +227,13 @@ fn save_typed(ui: &Ui, actions: &mut Vec<Action>) -> bool {
 
 /// The action of a key that saves the scene, which means nothing to a text.
 fn saving(event: &Event, session: &Session) -> Option<Action> {
+    pressed(event, session).filter(|action| matches!(action, Action::File(Filing::Save | Filing::SaveAs)))
+}
+
+/// The action of a key that goes down.
+fn pressed(event: &Event, session: &Session) -> Option<Action> {
     let Event::Key { key, pressed: true, modifiers, .. } = event else { return None };
     bindings::action(Trigger::Key((*modifiers).into(), *key), session.scene.mode)
-        .filter(|action| matches!(action, Action::File(Filing::Save | Filing::SaveAs)))
 }
 
 /// Where egui keeps whether a text was being typed in the last frame of the window.
@@ -190,7 +263,7 @@ fn keys(
     for event in events.iter().cloned() {
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
-            Event::Key { key, pressed: true, .. } if is_of_widget(ui, key) => {}
+            Event::Key { key, pressed: true, modifiers, .. } if is_of_widget(ui, key, modifiers) => {}
             Event::Key { key: egui::Key::Escape, pressed: true, .. } if was_typing => {}
             Event::Key { key, physical_key, pressed: true, repeat, modifiers } => {
                 let mode = session.scene.mode;
@@ -261,7 +334,7 @@ fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mu
             _ => {}
         }
     }
-    if is_of_widget(ui, egui::Key::ArrowLeft) {
+    if is_of_widget(ui, egui::Key::ArrowLeft, egui::Modifiers::NONE) {
         turn = DVec2::ZERO;
     }
     if direction == DVec3::ZERO && turn == DVec2::ZERO {
