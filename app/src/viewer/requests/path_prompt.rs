@@ -26,6 +26,8 @@ pub struct PathPrompt {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Refusal {
     NoFolder,
+    /// Points have the format that the ending of their name says.
+    Ending,
     /// The next Enter replaces a scene; a file of points is not replaced.
     IsThere,
 }
@@ -118,6 +120,9 @@ impl PathPrompt {
                 if let Some((_, refusal)) = self.refused.as_ref().filter(|(text, _)| *text == self.text) {
                     let text = match (refusal, self.purpose) {
                         (Refusal::NoFolder, _) => text!("There is no such folder."),
+                        (Refusal::Ending, _) => {
+                            text!("The name must end in .laz, .las, .copc.laz, .e57, .ply or .csv.")
+                        }
                         (_, Purpose::SavePoints) => text!("A file of this name is there, and is not replaced."),
                         _ => text!("A file of this name is there. Enter again replaces it."),
                     };
@@ -197,6 +202,9 @@ impl PathPrompt {
     /// Why nothing is saved under this name yet.
     fn refusal(&self, text: &str) -> Option<Refusal> {
         let path = self.target(text);
+        if self.purpose == Purpose::SavePoints && codec::ExportFormat::of(&path).is_none() {
+            return Some(Refusal::Ending);
+        }
         if !has_folder(&path) {
             return Some(Refusal::NoFolder);
         }
@@ -335,7 +343,9 @@ mod tests {
         let points = (PathPrompt::to_save_points(&proposed, "No dialog."), "is not replaced", None);
         let lost = folder.path().join("missing/office_1.laz");
         let missing = (PathPrompt::to_save_points(&lost, "No dialog."), "no such folder", None);
-        for (prompt, told, ended) in [scene, points, missing] {
+        let other = folder.path().join("office.xyz");
+        let ending = (PathPrompt::to_save_points(&other, "No dialog."), "must end in .laz", None);
+        for (prompt, told, ended) in [scene, points, missing, ending] {
             let mut harness = egui_kittest::Harness::builder().with_size([800.0, 500.0]).build_ui_state(
                 |ui, (prompt, outcome): &mut (PathPrompt, Option<Outcome>)| {
                     if let Some(ended) = prompt.show(ui.ctx()) {
