@@ -145,6 +145,9 @@ fn picture_area(ui: &mut Ui, session: &Session, picture: Option<&Picture>, rect:
     panels::comparing::paint(ui, rect, session, actions);
     panels::wipe::paint(ui, rect, session);
     overlay::paint(ui.painter(), rect, session);
+    if session.tools.waits_for_points() && input::is_by_keyboard(ui) {
+        overlay::middle(ui.painter(), rect);
+    }
     let is_taken = gizmo::interact(&response, session, actions);
     input::handle(ui, &response, is_taken, session, actions);
     if session.tools.measurements.placing.is_some() && response.contains_pointer() {
@@ -473,6 +476,24 @@ mod tests {
         harness.run_ok();
         let told: Vec<_> = harness.state().outside.messages.all.iter().map(|message| message.text.clone()).collect();
         assert_eq!(told, ["“large” is no number; 1.0 × stays"]);
+    }
+
+    #[test]
+    fn keys_alone_set_the_points_of_a_measurement() {
+        let Some(mut bench) = Bench::with_sphere() else { return };
+        bench.settle();
+        let mut harness = Harness::builder()
+            .with_size([1100.0, 800.0])
+            .with_max_steps(16)
+            .build_ui_state(|ui, bench: &mut Bench| bench.show(ui), bench);
+        harness.run_ok();
+        harness.key_press_modifiers(egui::Modifiers::ALT, egui::Key::Num1);
+        harness.run_ok();
+        harness.key_press_modifiers(egui::Modifiers::SHIFT, egui::Key::M);
+        harness.run_ok();
+        harness.state_mut().settle();
+        let [placed] = harness.state().session.scene.objects.measurements.as_slice() else { panic!("no point") };
+        assert!(placed.measurement.points[0].is_finite());
     }
 
     #[test]

@@ -98,6 +98,7 @@ impl Filming {
             | Action::Hold { .. }
             | Action::PivotHere
             | Action::Pick
+            | Action::PickMiddle
             | Action::UndoPick
             | Action::CopyPick
             | Action::ClearPick

@@ -83,6 +83,8 @@ fn help(kind: MeasurementKind) -> &'static str {
 fn placing(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(placing) = &session.tools.measurements.placing else { return };
     ui.label(RichText::new(placing.hint()).color(theme::ACCENT));
+    let key = bindings::shortcut(&Action::PickMiddle);
+    ui.label(RichText::new(text!("{key} picks in the middle of the picture", key)).small().color(theme::WEAK));
     if let Some(figure) = placing.live(session.scene.hovered(), session.up()).first() {
         ui.label(
             RichText::new(format!("{}  {}", translated(figure.name), figure.text(&units(&session.loaded)))).monospace(),

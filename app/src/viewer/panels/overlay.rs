@@ -14,6 +14,8 @@ use crate::viewer::input::gizmo;
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::panels::labels;
+use crate::viewer::requests::action::Action;
+use crate::viewer::requests::bindings;
 use crate::viewer::session::Session;
 use crate::viewer::tools::facts::facts;
 
@@ -84,6 +86,16 @@ fn cross(painter: &Painter, at: Pos2) {
         for direction in [vec2(1.0, 0.0), vec2(-1.0, 0.0), vec2(0.0, 1.0), vec2(0.0, -1.0)] {
             painter.line_segment([at + direction * 6.0, at + direction * 12.0], stroke);
         }
+    }
+}
+
+/// Marks the middle of the picture, with the key that picks there.
+pub fn middle(painter: &Painter, rect: Rect) {
+    cross(painter, rect.center());
+    let (place, font) = (rect.center() + vec2(15.0, 4.0), egui::FontId::proportional(12.0));
+    let text = bindings::shortcut(&Action::PickMiddle);
+    for (offset, color) in [(vec2(1.0, 1.0), SHADOW), (vec2(0.0, 0.0), theme::ACCENT)] {
+        painter.text(place + offset, egui::Align2::LEFT_TOP, &text, font.clone(), color);
     }
 }
 

@@ -193,6 +193,7 @@ pub const BINDINGS: &[Binding] = {
         bind(OBJECTS, Wheel(CTRL), A::InspectDistance(1.0), "Its distance"),
         bind(OBJECTS, Wheel(CTRL_SHIFT), A::InspectTilt(1.0), "Its tilt"),
         bind(TOOLS, Click, A::Pick, "Pick a point or a mirror; the next point while measuring"),
+        bind(TOOLS, Trigger::Key(SHIFT, Key::M), A::PickMiddle, "Pick in the middle of the picture"),
         bind(MEASURE, key(Key::I), A::Measuring(Measuring::Again), "A distance, or what was measured last"),
         bind(MEASURE, measure(Key::Num1), begin(MeasurementKind::Point), "A point"),
         bind(MEASURE, measure(Key::Num2), begin(MeasurementKind::Distance), "A distance"),

@@ -100,6 +100,10 @@ impl Session {
             Action::StopMarking(key) => self.loaded.stop_marking(key),
             Action::BeginDrag => self.tools.begin_drag(&mut self.scene, &self.loaded, &mut self.outside),
             Action::Pick => self.tools.click(&mut self.scene, &mut self.outside),
+            Action::PickMiddle => {
+                let middle = self.scene.view_size.map(|side| side / 2);
+                self.act_all([Action::PointAt(Some(middle)), Action::Pick]);
+            }
             Action::UndoPick => self.tools.pick = self.scene.navigation.pick_before.take(),
             Action::CopyPick => self.tools.copy_pick(&mut self.outside),
             Action::ClearPick => self.tools.pick = None,

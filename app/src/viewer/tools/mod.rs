@@ -191,6 +191,11 @@ impl Tools {
         scene.begin_drag(mirror.map(|(_, at)| at), outside);
     }
 
+    /// Whether clicks in the picture give a tool its points.
+    pub fn waits_for_points(&self) -> bool {
+        self.measurements.placing.is_some() || self.prism.is_some()
+    }
+
     /// Handles a click in the picture: it belongs to the tool that is in use, or picks what is under the cursor.
     pub fn click(&mut self, scene: &mut Scene, outside: &mut Outside) {
         scene.navigation.pick_before = self.pick.clone();
