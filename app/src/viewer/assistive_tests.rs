@@ -177,21 +177,39 @@ fn every_control_of_the_windows_over_the_picture_has_a_role_and_a_name() {
     assert!(nameless.is_empty(), "{nameless:#?}");
 }
 
+/// The ring around the control that has the keyboard, if there is one.
+fn ring(harness: &Window) -> Option<egui::Rect> {
+    let shapes = harness.output().shapes.iter();
+    let mut rings = shapes.filter_map(|clipped| match &clipped.shape {
+        egui::Shape::Rect(rect) if rect.stroke.color == theme::ACCENT && rect.stroke.width == 1.5 => Some(rect.rect),
+        _ => None,
+    });
+    let first = rings.next();
+    assert!(rings.next().is_none(), "one ring");
+    first
+}
+
+#[test]
+fn no_ring_stands_beside_a_window_that_is_still_measured() {
+    for opening in [Action::TogglePalette, Action::Quit] {
+        let mut harness = window(all_kinds());
+        harness.state_mut().act_all([Action::AddMirror(Shape::Sphere), opening.clone()]);
+        let mut rings = Vec::new();
+        for _ in 0..8 {
+            harness.run_steps(1);
+            rings.extend(ring(&harness));
+        }
+        let focused = harness.root().children_recursive().find(|node| node.is_focused()).expect("a control").rect();
+        assert!(rings.len() > 2, "{opening:?}");
+        for ring in rings {
+            assert!(ring.center().distance(focused.center()) < 4.0, "{opening:?}: {ring} {focused}");
+        }
+    }
+}
+
 #[test]
 fn a_ring_surrounds_the_control_that_has_the_keyboard_and_nothing_else() {
     let mut harness = window(all_kinds());
-    let ring = |harness: &Window| {
-        let shapes = harness.output().shapes.iter();
-        let mut rings = shapes.filter_map(|clipped| match &clipped.shape {
-            egui::Shape::Rect(rect) if rect.stroke.color == theme::ACCENT && rect.stroke.width == 1.5 => {
-                Some(rect.rect)
-            }
-            _ => None,
-        });
-        let first = rings.next();
-        assert!(rings.next().is_none(), "one ring");
-        first
-    };
     assert_eq!(ring(&harness), None);
     let mut places = Vec::new();
     for _ in 0..30 {

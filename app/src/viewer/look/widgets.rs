@@ -343,7 +343,10 @@ pub fn eye(ui: &mut Ui, open: bool, of: &str) -> egui::Response {
 /// Draws a ring around the control that has the keyboard, above all else: many controls show that by a shade alone.
 pub fn focus_ring(context: &egui::Context) {
     let focused = context.memory(egui::Memory::focused).and_then(|id| context.read_response(id));
-    let Some(response) = focused else { return };
+    // A window is measured before it is shown, at another place.
+    let is_shown =
+        |layer| layer == egui::LayerId::background() || context.memory(|m| m.areas().visible_last_frame(&layer));
+    let Some(response) = focused.filter(|response| is_shown(response.layer_id)) else { return };
     let stroke = egui::Stroke::new(1.5, theme::ACCENT);
     let painter = context.layer_painter(response.layer_id);
     painter.rect_stroke(response.interact_rect.expand(1.5), 4.0, stroke, egui::StrokeKind::Outside);
