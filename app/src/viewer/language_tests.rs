@@ -81,7 +81,7 @@ fn texts() -> BTreeSet<String> {
         }
     }
     texts.extend(METHODS.iter().map(|row| row.help.to_owned()));
-    texts.extend(PRESETS.iter().map(|preset| preset.help.to_owned()));
+    texts.extend(PRESETS.iter().flat_map(|preset| [preset.name, preset.help]).map(str::to_owned));
     texts.extend(Shape::WITH_FORMULA.iter().map(|shape| shape.name().to_owned()));
     texts.extend([ClipShape::Box, ClipShape::Sphere, ClipShape::Slab].map(|shape| shape.name().to_owned()));
     let kinds = ["mirror", "light", "clip", "measurement", "note", "profile"];

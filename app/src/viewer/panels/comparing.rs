@@ -258,7 +258,7 @@ fn second(ui: &mut Ui, session: &Session, draft: &mut CompareDraft) {
     if let Second::File(mut path) = chosen {
         ui.horizontal(|ui| {
             let label = name_label(ui, text!("File"));
-            let field = egui::TextEdit::singleline(&mut path).hint_text("/folder/scan.laz").desired_width(180.0);
+            let field = egui::TextEdit::singleline(&mut path).hint_text(text!("/folder/scan.laz")).desired_width(180.0);
             if ui.add(field).labelled_by(label.id).changed() {
                 draft.second = Second::File(path);
             }

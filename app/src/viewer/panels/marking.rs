@@ -78,7 +78,7 @@ fn choose(ui: &mut Ui, session: &Session, entry: &CloudEntry, draft: &mut Draft,
         }
         NormalsWay::Own | NormalsWay::Flatten => {}
     }
-    slider(ui, text!("Intensity"), number_slider(&mut draft.specular_intensity, 0.0..=1.0));
+    slider(ui, text!("Reflectance"), number_slider(&mut draft.specular_intensity, 0.0..=1.0));
     slider(ui, text!("Specular power"), number_slider(&mut draft.specular_power, 0.0..=100_000.0).logarithmic(true))
         .on_hover_text(text!("Sharpness of the highlights that they show of lights; 0: none"));
     if draft.specular_power > 0.0 {

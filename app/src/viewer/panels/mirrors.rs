@@ -169,7 +169,7 @@ fn numbers(ui: &mut Ui, session: &Session, id: ObjectId, mut mirror: Mirror, act
         }
         Shape::Sphere | Shape::Blob | Shape::Coral => {}
     }
-    slider(ui, text!("Intensity"), number_slider(&mut mirror.specular_intensity, 0.0..=1.0))
+    slider(ui, text!("Reflectance"), number_slider(&mut mirror.specular_intensity, 0.0..=1.0))
         .on_hover_text(text!("Share of the light that is reflected; the rest is diffuse"));
     slider(ui, text!("Specular power"), number_slider(&mut mirror.specular_power, 0.0..=100_000.0).logarithmic(true))
         .on_hover_text(text!("Sharpness of the highlights that it shows of lights; 0: none"));

@@ -17,7 +17,11 @@ pub fn show<'a>(
         ui.label(egui::RichText::new(text!("Presets of sscr")).small().color(theme::WEAK));
         for preset in &PRESETS {
             let applied = preset.applied(settings, mirrors.clone());
-            if ui.selectable_label(applied == *settings, preset.name).on_hover_text(translated(preset.help)).clicked() {
+            if ui
+                .selectable_label(applied == *settings, translated(preset.name))
+                .on_hover_text(translated(preset.help))
+                .clicked()
+            {
                 actions.push(Action::ChangeSettings(Box::new(applied)));
             }
         }

@@ -67,7 +67,7 @@ const fn bind_in(mode: Mode, section: &'static str, trigger: Trigger, action: Ac
     Binding { section, mode: Some(mode), trigger, action, text }
 }
 
-const MOVE: &str = "Move";
+const MOVE: &str = "Moving";
 const VIEWS: &str = "Views";
 const COLORS: &str = "Colours and points";
 const FILES: &str = "Files and pictures";

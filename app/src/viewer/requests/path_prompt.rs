@@ -143,7 +143,7 @@ impl PathPrompt {
                 .id(id)
                 .hint_text(match self.purpose {
                     Purpose::Open => text!("/folder/scan.laz or https://host/scan.copc.laz"),
-                    _ => "/folder/scan.laz",
+                    _ => text!("/folder/scan.laz"),
                 })
                 .desired_width(400.0)
                 .lock_focus(true);
