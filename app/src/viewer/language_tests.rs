@@ -196,13 +196,25 @@ fn the_language_changes_at_once_and_the_palette_finds_both() {
         assert!(harness.query_all_by_label(label).next().is_some(), "{label}");
     }
     assert!(harness.query_by_label("Open…").is_none());
-    for search in ["in den raum", "inside of the room"] {
+    let searches = [
+        ("in den raum", "Ansichten: In den Raum"),
+        ("inside of the room", "Ansichten: In den Raum"),
+        ("hilfe", "Werkzeuge und Fenster: Diese Übersicht"),
+        ("vollbild", "Werkzeuge und Fenster: Vollbild"),
+        ("bildschirmfoto", "Dateien und Bilder: Bild speichern"),
+        ("querschnitt", "Messungen und Notizen: Linie eines Profils zeichnen; nochmals: aufgeben"),
+        ("draufsicht", "Ansichten: Von oben"),
+        ("maßband", "Messungen und Notizen: Ein Abstand"),
+        ("punktgröße", "Farben und Punkte: Punkte größer"),
+        ("seitenleiste", "Werkzeuge und Fenster: Leisten verbergen oder zeigen"),
+    ];
+    for (search, row) in searches {
         harness.state_mut().act(Action::TogglePalette);
         harness.run_steps(3);
         let palette = harness.state_mut().palette.as_mut().unwrap();
         palette.text = search.to_owned();
         harness.run_steps(3);
-        assert!(harness.query_by_label("Ansichten: In den Raum").is_some(), "{search}");
+        assert!(harness.query_by_label(row).is_some(), "{search}");
         harness.state_mut().act(Action::TogglePalette);
         harness.run_steps(2);
     }

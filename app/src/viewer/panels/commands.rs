@@ -36,48 +36,50 @@ impl Entry {
 /// Words that people use for an action and that do not stand in its name.
 fn words(action: &Action) -> &'static str {
     match action {
-        Action::SavePicture(_) => "screenshot snapshot image png export picture 4k resolution large",
-        Action::Film(Film::Capture) => "screencast video capture window",
-        Action::Film(Film::Keep(_) | Film::FlyTo(_)) => "bookmark viewpoint camera position save view",
+        Action::SavePicture(_) => text!("screenshot snapshot image png export picture 4k resolution large"),
+        Action::Film(Film::Capture) => text!("screencast video capture window"),
+        Action::Film(Film::Keep(_) | Film::FlyTo(_)) => text!("bookmark viewpoint camera position save view"),
         Action::Film(Film::Toggle | Film::Add(_) | Film::AskRecording) => {
-            "animation movie video film path camera record"
+            text!("animation movie video film path camera record")
         }
-        Action::Film(Film::Play) => "animation movie preview",
-        Action::PointSize(_) => "point size splat bigger smaller thicker",
-        Action::FrameAll => "reset view fit extents home whole everything",
-        Action::GoInside => "enter interior indoor room",
-        Action::DollHouse => "outside exterior overview dollhouse",
-        Action::ToggleMode => "walk navigation first person wasd",
-        Action::ToggleProjection => "ortho parallel isometric plan",
-        Action::LookFrom(_) => "view side elevation plan standard",
-        Action::Clip(_) => "section crop cut slice box volume",
-        Action::Profile(_) | Action::Measuring(Measuring::BeginProfile) => "section cross-section slice cut chart",
-        Action::Measuring(Measuring::BeginNote) => "annotation comment label text",
-        Action::Measuring(_) => "ruler dimension length tape",
-        Action::Export(_) => "export subset las laz ply csv write",
-        Action::File(Filing::Save | Filing::SaveAs) => "project session store",
+        Action::Film(Film::Play) => text!("animation movie preview"),
+        Action::PointSize(_) => text!("point size splat bigger smaller thicker"),
+        Action::FrameAll => text!("reset view fit extents home whole everything"),
+        Action::GoInside => text!("enter interior indoor room"),
+        Action::DollHouse => text!("outside exterior overview dollhouse"),
+        Action::ToggleMode => text!("walk navigation first person wasd"),
+        Action::ToggleProjection => text!("ortho parallel isometric plan"),
+        Action::LookFrom(_) => text!("view side elevation plan standard"),
+        Action::Clip(_) => text!("section crop cut slice box volume"),
+        Action::Profile(_) | Action::Measuring(Measuring::BeginProfile) => {
+            text!("section cross-section slice cut chart")
+        }
+        Action::Measuring(Measuring::BeginNote) => text!("annotation comment label text"),
+        Action::Measuring(_) => text!("ruler dimension length tape"),
+        Action::Export(_) => text!("export subset las laz ply csv write"),
+        Action::File(Filing::Save | Filing::SaveAs) => text!("project session store"),
         Action::File(Filing::Open(_)) | Action::Open(_) | Action::OpenDialog | Action::OpenPrompt => {
-            "load import file recent project"
+            text!("load import file recent project")
         }
-        Action::AddSpot => "lamp light night lighting",
-        Action::LightBy(_) | Action::NextLight | Action::ToggleLight => "night day shading lamp lighting shadow",
-        Action::ToggleEdl => "outline edges depth shading edl",
-        Action::AddMirror(_) => "reflection mirror object chrome water glass lake",
-        Action::Inspect => "dentist mirror hidden behind",
-        Action::ToggleChart => "tune pareto compare settings speed quality",
-        Action::PinTruth | Action::KeepTruthReady(_) => "reference ground truth ray traced compare",
-        Action::Undo => "back revert mistake",
-        Action::Redo => "again forward repeat",
-        Action::Quit => "exit close end",
-        Action::ToggleShortcuts => "help keys keyboard manual hotkeys",
-        Action::ToggleInterface | Action::TogglePanel => "sidebar hide clean",
-        Action::ToggleFullScreen => "fullscreen maximize presentation",
-        Action::ColorBy(_) => "colour color attribute scalar",
-        Action::Kept(_) => "compare before after snapshot",
-        Action::Compare(_) => "distance difference change cloud deviation",
-        Action::Ghosts(_) => "mirror reflection pane glass window",
-        Action::ListMessages(_) => "log errors warnings history",
-        Action::OpenTab(Tab::Look) => "class classes classification hide filter ground vegetation",
+        Action::AddSpot => text!("lamp light night lighting"),
+        Action::LightBy(_) | Action::NextLight | Action::ToggleLight => text!("night day shading lamp lighting shadow"),
+        Action::ToggleEdl => text!("outline edges depth shading edl"),
+        Action::AddMirror(_) => text!("reflection mirror object chrome water glass lake"),
+        Action::Inspect => text!("dentist mirror hidden behind"),
+        Action::ToggleChart => text!("tune pareto compare settings speed quality"),
+        Action::PinTruth | Action::KeepTruthReady(_) => text!("reference ground truth ray traced compare"),
+        Action::Undo => text!("back revert mistake"),
+        Action::Redo => text!("again forward repeat"),
+        Action::Quit => text!("exit close end"),
+        Action::ToggleShortcuts => text!("help keys keyboard manual hotkeys"),
+        Action::ToggleInterface | Action::TogglePanel => text!("sidebar hide clean"),
+        Action::ToggleFullScreen => text!("fullscreen maximize presentation"),
+        Action::ColorBy(_) => text!("colour color attribute scalar"),
+        Action::Kept(_) => text!("compare before after snapshot"),
+        Action::Compare(_) => text!("distance difference change cloud deviation"),
+        Action::Ghosts(_) => text!("mirror reflection pane glass window"),
+        Action::ListMessages(_) => text!("log errors warnings history"),
+        Action::OpenTab(Tab::Look) => text!("class classes classification hide filter ground vegetation"),
         _ => "",
     }
 }
@@ -150,7 +152,7 @@ fn of_panels(session: &Session) -> Vec<Entry> {
         Entry::new(text!("Files: Stop saving points"), "", Action::Export(Export::Stop)),
     ];
     entries.extend(side::languages().map(|(language, name)| Entry {
-        words: "language german",
+        words: text!("language german"),
         ..Entry::new(text!("Window: Language {name}", name), "", Action::Speak(language))
     }));
     let shapes = [ClipShape::Box, ClipShape::Sphere, ClipShape::Slab];
@@ -215,20 +217,20 @@ fn of_reflections(session: &Session) -> Vec<Entry> {
     let settings: &Settings = &session.scene.settings;
     let mirrors = session.scene.objects.mirrors.iter().map(|placed| &placed.mirror);
     let method = |row: &'static scene::MethodRow| Entry {
-        words: "reflection method algorithm",
+        words: text!("reflection method algorithm"),
         ..Entry::new(text!("Use {row}", row = row.name), translated(row.help), reflections::use_method(row))
     };
     let preset = |preset: &'static scene::Preset| {
         let action = Action::ChangeSettings(Box::new(preset.applied(settings, mirrors.clone())));
         Entry {
-            words: "preset sscr reflection settings",
-            ..Entry::new(text!("Preset: {preset}", preset = preset.name), translated(preset.help), action)
+            words: text!("preset sscr reflection settings"),
+            ..Entry::new(text!("Preset: {preset}", preset = translated(preset.name)), translated(preset.help), action)
         }
     };
     let sweep = |(key, name): (String, String)| {
         let help = text!("Draws, times and judges this view with a range of values");
         Entry {
-            words: "sweep range series vary",
+            words: text!("sweep range series vary"),
             ..Entry::new(text!("Sweep: {name}", name), help, Action::AskSweep(key))
         }
     };

@@ -5,7 +5,7 @@
 use egui::{RichText, Sense, Ui};
 use param::{Field, Group, Kind, Params, Value};
 
-use crate::shared::language::{text, translated};
+use crate::shared::language::{in_english, text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{
     kept_unless_typed, name_label, number_field, number_slider_in, number_slider_in_words, typed_number,
@@ -61,7 +61,7 @@ impl Match {
         let (key, title) = (format!("{}.{}", group.name, field.name), title(field.name).to_lowercase());
         let name = format!("{key} {title} {}", english_title(field.name).to_lowercase());
         let helps = [field.help, translated(field.help)].map(str::to_lowercase);
-        let help = format!("{} {} {}", helps[0], helps[1], words(&key));
+        let help = format!("{} {} {} {}", helps[0], helps[1], words(&key), in_english(|| words(&key)));
         let search = search.to_lowercase();
         let has_all = |text: &str| search.split_whitespace().all(|word| text.contains(word));
         match () {
@@ -76,18 +76,18 @@ impl Match {
 /// Words that people use for a parameter and that stand neither in its name nor in its help.
 pub fn words(key: &str) -> &'static str {
     match key {
-        "splat.size" => "point size",
-        "view.background" => "night dark sky backdrop",
-        "view.field_of_view" => "fov lens wide angle",
-        "view.frame_ms" => "fps frame rate lag smooth speed",
-        "view.point_budget" => "limit number of points",
-        "sun.elevation" | "sun.azimuth" => "night day time shadow",
-        "light.by" => "night day lamp shading",
-        "tone.exposure" => "brightness bright dark",
-        "edl.strength" => "outline edges depth shading",
-        "reflection.method" => "reflection algorithm technique preset",
-        "sscr.max_splat_size" => "splat size",
-        "sscr.initial_step" => "step size",
+        "splat.size" => text!("point size"),
+        "view.background" => text!("night dark sky backdrop"),
+        "view.field_of_view" => text!("fov lens wide angle"),
+        "view.frame_ms" => text!("fps frame rate lag smooth speed"),
+        "view.point_budget" => text!("limit number of points"),
+        "sun.elevation" | "sun.azimuth" => text!("night day time shadow"),
+        "light.by" => text!("night day lamp shading"),
+        "tone.exposure" => text!("brightness bright dark"),
+        "edl.strength" => text!("outline edges depth shading"),
+        "reflection.method" => text!("reflection algorithm technique preset"),
+        "sscr.max_splat_size" => text!("splat size"),
+        "sscr.initial_step" => text!("step size"),
         _ => "",
     }
 }
