@@ -443,6 +443,21 @@ mod tests {
     }
 
     #[test]
+    fn the_keyboard_is_at_the_first_section_of_a_tab_that_the_palette_opens() {
+        let mut harness = harness();
+        harness.run_ok();
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::P);
+        harness.run_ok();
+        harness.event(egui::Event::Text("tab: light".into()));
+        harness.run_ok();
+        harness.key_press(egui::Key::Enter);
+        harness.run_ok();
+        assert_eq!(harness.state().preferences.tab, Tab::Light.name());
+        let focused = harness.get_by(|node| node.is_focused());
+        assert_eq!(focused.accesskit_node().label().as_deref(), Some("Light"));
+    }
+
+    #[test]
     fn a_number_begun_on_a_slider_goes_to_its_field_and_is_no_shortcut() {
         let mut harness = harness();
         harness.state_mut().act(Action::Search("splat.size".into()));

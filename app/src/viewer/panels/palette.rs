@@ -67,6 +67,8 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
         if matches!(run, Action::FindParameter(_)) {
             // From there, Tab leads to the value.
             context.memory_mut(|memory| memory.request_focus(side::search_id()));
+        } else if matches!(run, Action::OpenTab(_)) {
+            side::focus_first_section(context);
         }
         actions.push(run);
     } else if !is_open {

@@ -260,6 +260,17 @@ fn late_notice(ui: &mut Ui) {
     ui.place(area, egui::Label::new(text).selectable(false));
 }
 
+/// Where egui keeps in which frame of the window the keyboard was wanted for the first section of a tab.
+fn wanted_section() -> egui::Id {
+    egui::Id::unique("first section that gets the keyboard")
+}
+
+/// Gives the keyboard to the first section of the tab that is drawn in the next frame of the window.
+pub fn focus_first_section(context: &egui::Context) {
+    let frame = context.cumulative_frame_nr();
+    context.data_mut(|data| data.insert_temp(wanted_section(), frame));
+}
+
 /// Draws a section that can be folded, by its English title. Returns true if it is open.
 fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut Ui)) -> bool {
     let heading = RichText::new(translated(title)).strong().size(13.5);
@@ -269,6 +280,10 @@ fn section(ui: &mut Ui, title: &str, is_open: bool, contents: impl FnOnce(&mut U
         contents(ui);
         ui.add_space(6.0);
     });
+    let wanted: Option<u64> = ui.data_mut(|data| data.remove_temp(wanted_section()));
+    if wanted.is_some_and(|frame| ui.ctx().cumulative_frame_nr() <= frame + 2) {
+        shown.header_response.request_focus();
+    }
     ui.separator();
     shown.body_response.is_some()
 }
