@@ -352,7 +352,7 @@ pub fn sheet() -> Vec<(&'static str, String, &'static str)> {
 }
 
 /// The least width of the window for a sheet in two columns, in points.
-const TWO_COLUMNS: f32 = 1010.0;
+const TWO_COLUMNS: f32 = 1170.0;
 
 /// The least width of the window for rows that are not wrapped.
 const WHOLE_ROWS: f32 = 800.0;
@@ -366,8 +366,11 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
     let most_high = whole.y - 60.0;
     let count = if whole.x >= TWO_COLUMNS { 2 } else { 1 };
     // Where a row is wider than the window, its gestures and its text are wrapped.
-    let widest = if whole.x >= WHOLE_ROWS { f32::INFINITY } else { 0.5 * whole.x - 40.0 };
-    egui::Window::new(text!("Shortcuts"))
+    let is_narrow = whole.x < WHOLE_ROWS;
+    let widest = if is_narrow { 0.5 * whole.x - 40.0 } else { f32::INFINITY };
+    let window = egui::Window::new(text!("Shortcuts"));
+    let window = if is_narrow { window.default_width(whole.x - 40.0) } else { window };
+    window
         .id(egui::Id::unique("shortcuts"))
         .open(open)
         .collapsible(false)
@@ -400,6 +403,8 @@ pub fn sheet_window(context: &egui::Context, open: &mut bool) {
 
 #[cfg(test)]
 mod tests {
+    use scene::Language;
+
     use super::*;
 
     #[test]
@@ -443,9 +448,14 @@ mod tests {
 
     #[test]
     fn the_sheet_fits_into_small_windows() {
+        use crate::shared::language::speak;
         use egui_kittest::kittest::Queryable as _;
-        // The last one is a screen of 1280 x 720 pixels at 150 %.
-        for size in [[1024.0, 768.0], [853.0, 453.0], [480.0, 320.0]] {
+        // These are screens of 1280 x 720 pixels at 150 % and of 1366 x 768 at 200 %, among others.
+        let sizes = [[1024.0, 768.0], [853.0, 453.0], [683.0, 384.0], [480.0, 320.0]];
+        for (size, language) in
+            sizes.into_iter().flat_map(|size| [Language::English, Language::German].map(|l| (size, l)))
+        {
+            speak(language);
             let mut harness = egui_kittest::Harness::builder().with_size(size).build_ui(|ui| {
                 crate::viewer::look::theme::apply(ui.ctx());
                 sheet_window(ui.ctx(), &mut true);
@@ -457,15 +467,19 @@ mod tests {
                 "{area}"
             );
             for (_, gestures, text) in sheet() {
+                let text = translated(text);
                 let texts = harness.query_all_by_label(text).map(|node| node.rect());
                 let keys: Vec<_> = harness.query_all_by_label(&gestures).map(|node| node.rect()).collect();
                 for place in texts {
                     assert!(place.left() >= area.left() && place.right() <= area.right(), "{text}: {place} {area}");
                     let beside = keys.iter().find(|keys| (keys.center().y - place.center().y).abs() < 8.0);
                     assert!(beside.is_none_or(|keys| keys.right() <= place.left()), "{text} lies on its keys");
+                    let lines = (place.height() / 14.0).round();
+                    assert!(lines * 16.0 <= text.chars().count() as f32 + 16.0, "{text} has {lines} lines: {size:?}");
                 }
             }
         }
+        speak(Language::English);
     }
 
     #[test]
