@@ -193,7 +193,7 @@ mod tests {
     use crate::viewer::bench::Bench;
     use crate::viewer::look::tab::Tab;
     use crate::viewer::panels::side::OWN_PANELS;
-    use crate::viewer::picture::messages::Report;
+    use crate::viewer::picture::messages::{Command, PickPurpose, Report};
     use crate::viewer::requests::action::{Filing, Film, Measuring};
     use crate::viewer::requests::outside::{Asked, Effect};
     use crate::viewer::requests::preferences::Preferences;
@@ -495,20 +495,20 @@ mod tests {
 
     #[test]
     fn keys_alone_set_the_points_of_a_measurement() {
-        let Some(mut bench) = Bench::with_sphere() else { return };
-        bench.settle();
-        let mut harness = Harness::builder()
-            .with_size([1100.0, 800.0])
-            .with_max_steps(16)
-            .build_ui_state(|ui, bench: &mut Bench| bench.show(ui), bench);
+        let mut harness = harness();
+        *harness.state_mut() = Session::with_two_points();
         harness.run_ok();
-        harness.key_press_modifiers(egui::Modifiers::ALT, egui::Key::Num1);
+        harness.key_press_modifiers(egui::Modifiers::ALT, egui::Key::Num2);
         harness.run_ok();
         harness.key_press_modifiers(egui::Modifiers::SHIFT, egui::Key::M);
         harness.run_ok();
-        harness.state_mut().settle();
-        let [placed] = harness.state().session.scene.objects.measurements.as_slice() else { panic!("no point") };
-        assert!(placed.measurement.points[0].is_finite());
+        let session = harness.state();
+        let middle = session.scene.view_size.map(|side| side / 2);
+        let is_asked = |effect: &Effect| {
+            let Effect::Render(Command::Pick { pixel, purpose: PickPurpose::Corner }) = effect else { return false };
+            *pixel == middle
+        };
+        assert!(session.outside.effects.iter().any(is_asked));
     }
 
     #[test]
