@@ -98,7 +98,6 @@ pub fn typed_number(text: &str) -> Option<f64> {
     let marks: Vec<&str> = text.matches(['.', ',']).collect();
     let decimal = marks.last().filter(|last| marks.iter().filter(|mark| mark == last).count() == 1);
     let (whole, rest) = decimal.and_then(|mark| text.split_once(mark)).unwrap_or((text, ""));
-    let are_digits = |text: &str| text.bytes().all(|digit| digit.is_ascii_digit());
     if is_english() && marks == [","] && rest.len() == 3 && are_digits(rest) && !whole.starts_with('0') {
         return None;
     }
@@ -112,6 +111,10 @@ pub fn typed_whole_number(text: &str) -> Option<f64> {
     let (sign, digits) = sign(text);
     let number = without_thousands(digits).and_then(|digits| format!("{sign}{digits}").parse().ok());
     number.or_else(|| typed_number(text)).filter(|number| number.is_finite() && number.fract() == 0.0)
+}
+
+fn are_digits(text: &str) -> bool {
+    text.bytes().all(|letter| letter.is_ascii_digit())
 }
 
 /// The sign before a number, and what follows it.
@@ -131,7 +134,6 @@ fn without_thousands(text: &str) -> Option<String> {
     let is_same = marks.all(|other| other == mark);
     let mut groups = text.split(is_mark);
     let first = groups.next().unwrap_or_default();
-    let are_digits = |group: &str| group.bytes().all(|digit| digit.is_ascii_digit());
     let is_first = (1..=3).contains(&first.len()) && are_digits(first) && !first.starts_with('0');
     let are_thousands = is_same && is_first && groups.all(|group| group.len() == 3 && are_digits(group));
     are_thousands.then(|| text.split(is_mark).collect())
