@@ -47,7 +47,7 @@ fn kept(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         );
         button(ui, text!("Side by side"), session.kept.is_beside(), is_there, KeptStep::ToggleBeside, help);
     });
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         let help = text!(
             "The kept state becomes the present one, with its parameters, lights, clips and shown points, and \
                 that is kept"
