@@ -153,6 +153,14 @@ fn known_other(start: &[u8]) -> Option<&'static str> {
         [0x00, 0x05, 0x16, 0x07, ..] => {
             "this is what macOS keeps beside a file of the same name without `._` (AppleDouble)"
         }
+        start if is_packed(start) => "this is a compressed file or an archive; unpack it, and open what is in it",
+        start if is_model(start) => {
+            "this is a tile of 3D Tiles or a model in glTF, which glint does not read; LAS, LAZ, COPC and PLY it reads"
+        }
+        start if start.trim_ascii_start().starts_with(b"{") => {
+            "this is JSON, of which glint reads ept.json of an EPT, and catalogues of tiles (STAC items) if their names end \
+             in .vpc; a tileset of 3D Tiles it does not read"
+        }
         start if is_web_page(start) => {
             "this is a web page (HTML), as servers answer with where one has to log in first; what it says shows in a browser"
         }
@@ -161,6 +169,18 @@ fn known_other(start: &[u8]) -> Option<&'static str> {
         }
         _ => return None,
     })
+}
+
+/// Whether a file begins as those of ZIP, gzip, bzip2, XZ, Zstandard or 7-Zip do.
+fn is_packed(start: &[u8]) -> bool {
+    let known: [&[u8]; 6] = [b"PK\x03\x04", b"\x1f\x8b", b"BZh91AY", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf"];
+    known.iter().any(|known| start.starts_with(known))
+}
+
+/// Whether a file begins as the tiles of 3D Tiles and binary models in glTF do: with a word and a version.
+fn is_model(start: &[u8]) -> bool {
+    let (word, version) = start.split_at(start.len().min(4));
+    [&b"pnts"[..], b"b3dm", b"i3dm", b"cmpt", b"glTF"].contains(&word) && matches!(version, [1 | 2, 0, ..])
 }
 
 fn is_web_page(start: &[u8]) -> bool {
@@ -366,6 +386,16 @@ mod tests {
         assert!(told.contains("Git LFS") && told.contains("git lfs pull"), "{told}");
         for page in ["<!DOCTYPE html><html>", "\n <html lang=\"en\">"] {
             assert!(known_other(page.as_bytes()).is_some_and(|told| told.contains("a web page")), "{page}");
+        }
+        let known: [(&[u8], &str); 5] = [
+            (b"PK\x03\x04", "unpack it"),
+            (b"\x1f\x8b\x08", "unpack it"),
+            (b"pnts\x01\0\0\0", "3D Tiles"),
+            (b"glTF\x02\0\0\0", "glTF"),
+            (b"\n{\"type\":\"FeatureCollection\"", "if their names end in .vpc"),
+        ];
+        for (start, told) in known {
+            assert!(known_other(start).is_some_and(|own| own.contains(told)), "{told}");
         }
         assert_eq!(known_other(b"<points>"), None);
     }
