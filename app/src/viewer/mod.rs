@@ -17,6 +17,8 @@ mod input;
 mod interface;
 mod jobs;
 #[cfg(test)]
+mod keyboard_tests;
+#[cfg(test)]
 mod language_tests;
 mod loaded;
 mod look;
