@@ -201,8 +201,9 @@ fn serve(
             drop(busy);
             std::thread::sleep(end.saturating_duration_since(Instant::now()));
         }
-        stream.write_all(&piece[..wanted])?;
+        // Before they go: who has them may ask for the count at once.
         counts.bytes.fetch_add(wanted as u64, Ordering::Relaxed);
+        stream.write_all(&piece[..wanted])?;
         left -= wanted as u64;
     }
     if fails { Err(std::io::Error::other("cut")) } else { Ok(()) }

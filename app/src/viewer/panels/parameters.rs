@@ -236,9 +236,15 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
     }
 }
 
-/// The bytes that a person typed, with a unit or without. What would be thousands in a whole number is that here, too.
+/// The bytes that a person typed, with a unit or without. One separator before three digits is that of thousands where there
+/// is no unit; with one, as in 2.048 MiB, nobody knows.
 fn typed_bytes(text: &str) -> Option<f64> {
     let (number, unit) = text.split_at(text.find(|letter: char| letter.is_ascii_alphabetic()).unwrap_or(text.len()));
+    let marks = number.matches(['.', ',']).count();
+    let is_unclear = marks == 1 && number.trim().rsplit(['.', ',']).next().is_some_and(|rest| rest.len() == 3);
+    if is_unclear && !unit.is_empty() {
+        return None;
+    }
     let number = typed_whole_number(number).or_else(|| typed_number(number))?;
     format!("{number}{unit}").parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64)
 }
@@ -342,12 +348,16 @@ mod tests {
     #[test]
     fn amounts_of_memory_have_separators_of_thousands() {
         let mebi = f64::from(1 << 20);
-        let typed = [("2.048MiB", 2048.0), ("2,048 MiB", 2048.0), ("1,5 MiB", 1.5), ("512mib", 512.0)];
+        let typed = [("2 048 MiB", 2048.0), ("1,5 MiB", 1.5), ("1.25MiB", 1.25), ("512mib", 512.0)];
         for (text, number) in typed {
             assert_eq!(typed_bytes(text), Some(number * mebi), "{text}");
         }
         assert_eq!(typed_bytes("1.000.000"), Some(1e6));
-        assert!(["", "MiB", "two", "1.2.3 MiB", "5 apples", "-1"].iter().all(|text| typed_bytes(text).is_none()));
+        assert!(
+            ["", "MiB", "two", "1.2.3 MiB", "5 apples", "-1", "2.048 MiB", "2,048MiB"]
+                .iter()
+                .all(|text| typed_bytes(text).is_none())
+        );
     }
 
     #[test]
