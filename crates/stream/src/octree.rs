@@ -73,6 +73,12 @@ impl Octree {
         Self { corner, width, spacing, nodes, paged: Paged::default() }
     }
 
+    /// Whether it is that of a catalogue: no nodes below the root, which has no points, but tiles.
+    pub fn is_of_tiles(&self) -> bool {
+        let is_bare = self.nodes.len() == 1 && self.nodes[0].points == 0 && !self.paged.unread.is_empty();
+        is_bare || !self.paged.tiles.is_empty()
+    }
+
     /// A node that is there.
     ///
     /// # Panics

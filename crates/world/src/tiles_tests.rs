@@ -256,3 +256,51 @@ fn a_catalogue_is_one_cloud_of_which_a_view_has_the_tiles_that_it_shows() {
     let expected = first_look.iter().copied().chain([SEEN]).map(|tile| ((tile, NodeId(0)), POINTS as usize));
     assert_eq!((opened, there), (1, expected.collect()));
 }
+
+#[test]
+fn what_is_cancelled_before_any_view_stays_so_until_the_second_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = Settings::default();
+    let input = Input::Tiles { folder: folder.path().to_owned(), files: row(folder.path(), 80) };
+    let job = start(vec![input], &settings, BTreeSet::new());
+    // From so high above that all tiles are seen.
+    let set_view = |height: f64| {
+        let camera = Camera::looking(DVec3::new(40.0 * SIDE, 50.0, height), DVec3::NEG_Z, height, DVec3::Y);
+        job.mailbox.set_view(StreamView {
+            camera,
+            size: [800, 600],
+            view: settings.view.clone(),
+            stream: settings.stream.clone(),
+            mirrors: Vec::new(),
+            hidden: BTreeSet::new(),
+            placed: BTreeMap::new(),
+            test: cloud::PointTest::default(),
+            asked: BTreeSet::new(),
+            share: 1.0,
+            is_alone: false,
+        })
+    };
+    let deadline = Instant::now() + Duration::from_secs(60);
+    let next = || {
+        assert!(Instant::now() < deadline);
+        job.events.recv().unwrap()
+    };
+    while !matches!(next(), Event::Pages { .. }) {}
+    job.mailbox.stop_all();
+    let summary = loop {
+        if let Event::Read { summary, .. } = next() {
+            break summary;
+        }
+    };
+    assert!(summary.cancelled);
+    let open = [9000.0, 9500.0].map(|height| {
+        let number = set_view(height);
+        loop {
+            match next() {
+                Event::Stream(stats) if stats.is_settled && stats.view_number == number => break stats.tiles[0],
+                _ => {}
+            }
+        }
+    });
+    assert!(open[0] < 60 && open[1] == 80, "{open:?}");
+}

@@ -138,7 +138,9 @@ impl Loaded {
         let streaming = || self.jobs.iter().filter(|job| job.has_streamed);
         let demands: Vec<f64> = streaming().map(|job| if job.look == 0 { 1.0 } else { job.stream.demand }).collect();
         let clouds: Vec<_> = streaming().map(|job| (self.hidden(job), self.placed(job))).collect();
-        let waits: Vec<bool> = streaming().map(|job| self.has_first_tiles(job)).collect();
+        // Whoever moves the camera wants to see what is there.
+        let is_moving = beside.scene.navigation.time_to_rest(beside.outside.now).is_some();
+        let waits: Vec<bool> = streaming().map(|job| !is_moving && self.awaits_first_tiles(job)).collect();
         let jobs = self.jobs.iter_mut().filter(|job| job.has_streamed);
         for ((job, waits), ((hidden, placed), share)) in jobs.zip(waits).zip(clouds.into_iter().zip(shares(&demands))) {
             let (view, stream, mirrors) = (view.clone(), stream.clone(), mirrors.clone());
@@ -152,10 +154,11 @@ impl Loaded {
         }
     }
 
-    /// Whether the tiles of a catalogue are opened from which its colours, light and the first camera come, wherever the view
-    /// is.
-    fn has_first_tiles(&self, job: &JobEntry) -> bool {
-        self.clouds.iter().any(|entry| job.owns(entry.key) && entry.is_catalogue() && !entry.is_read)
+    /// Whether no view was sent yet, since the tiles of a catalogue are opened from which its colours, light and the first
+    /// camera come, wherever the view is.
+    fn awaits_first_tiles(&self, job: &JobEntry) -> bool {
+        let is_opened = |entry: &CloudEntry| job.owns(entry.key) && entry.is_catalogue() && !entry.is_read;
+        job.look == 0 && self.clouds.iter().any(is_opened)
     }
 
     /// The names of the attributes that the colours and filters of the scene ask for. Points of streamed clouds become no

@@ -162,7 +162,7 @@ impl CloudEntry {
 
     /// True if the tiles of a streamed cloud are opened as they are needed.
     pub fn is_catalogue(&self) -> bool {
-        self.octree().is_some_and(|octree| !octree.paged.tiles.is_empty())
+        self.octree().is_some_and(|octree| octree.is_of_tiles())
     }
 
     /// The column that the cloud's colours still lack, and the file to read it from.

@@ -221,22 +221,30 @@ fn a_streamed_cloud_is_loaded_with_its_first_look_and_at_rest_with_its_last() {
 
 #[test]
 fn ramp_and_camera_of_a_catalogue_are_those_of_its_first_look_and_not_of_the_tiles_that_come_first() {
-    let mut session = streamed();
-    let tiles = |numbers: std::ops::Range<u32>| {
-        let mut catalogue = octree();
-        catalogue.paged.tiles = numbers.map(|tile| (tile, Arc::new(octree()))).collect();
-        let (octree, attributes) = (Arc::new(catalogue), session.loaded.clouds[0].cloud.attributes.clone());
-        let entry = None;
+    // Of two tiles, as many are open.
+    let pages = |open: u32| {
+        let bounds = Bounds { min: DVec3::ZERO, max: DVec3::splat(8.0) };
+        let root = stream::Node { points: 0, total: 16, children: [None; 8], ..octree().nodes[0].clone() };
+        let mut catalogue = Octree::new(DVec3::ZERO, 8.0, 1.0, vec![root]);
+        catalogue.paged.tiles = (0..open).map(|tile| (tile, Arc::new(octree()))).collect();
+        catalogue.paged.unread = (open..2).map(|tile| ((NodeId(tile), 0), bounds)).collect();
+        let attributes = vec![Attribute { name: "intensity".into(), column_type: ColumnType::U8 }];
+        let (octree, entry) = (Arc::new(catalogue), None);
         let pages = IndexState::Indexed { octree, attributes, grid: GRID, was_built: false, has_surfels: true, entry };
         Event::Pages { cloud: 0, pages }
     };
-    let (first, all) = (tiles(0..1), tiles(0..2));
-    let put = |session: &mut Session, tile: u32, places: &[f32]| {
-        let (part, chunk) = (Part::Tile(tile, NodeId(0)), chunk(u64::from(tile) * 8, places));
+    let told = |session: &mut Session, event: Event| {
         session.with_loaded(|loaded, beside| {
-            loaded.on_loading(0, Event::Chunk { cloud: 0, part, chunk }, beside);
+            loaded.on_loading(0, event, beside);
             loaded.look_around(beside);
         });
+    };
+    let mut session = Session::new(Preferences::default());
+    session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+    told(&mut session, opened(vec![Attribute { name: "intensity".into(), column_type: ColumnType::U8 }]));
+    let put = |session: &mut Session, tile: u32, places: &[f32]| {
+        let (part, chunk) = (Part::Tile(tile, NodeId(0)), chunk(u64::from(tile) * 8, places));
+        told(session, Event::Chunk { cloud: 0, part, chunk });
     };
     let found = |session: &mut Session| {
         session.with_loaded(Loaded::renew_figures);
@@ -250,24 +258,34 @@ fn ramp_and_camera_of_a_catalogue_are_those_of_its_first_look_and_not_of_the_til
         let figures = session.loaded.clouds[0].figures.as_ref().unwrap();
         (figures.bounds.max.x, figures.plan.full_range.1)
     };
-    drop_chunk(&mut session, 0);
     session.scene.settings.set_text("color.by", "height").unwrap();
-    session.with_loaded(|loaded, beside| loaded.on_loading(0, first, beside));
+    told(&mut session, pages(0));
+    told(&mut session, pages(1));
     put(&mut session, 0, &[1.0, 2.0]);
     assert_eq!(found(&mut session), (2.0, 2.0));
-    session.with_loaded(|loaded, beside| loaded.on_loading(0, all, beside));
+    told(&mut session, pages(2));
     put(&mut session, 1, &[6.0, 7.0]);
     assert_eq!(session.loaded.jobs[0].look, 0, "no view is asked for before the first look is whole");
-    session.with_loaded(|loaded, beside| {
-        loaded.on_loading(0, Event::Read { cloud: 0, summary: codec::Summary::default() }, beside);
-        loaded.look_around(beside);
-    });
+    told(&mut session, Event::Read { cloud: 0, summary: codec::Summary::default() });
     assert!(session.loaded.jobs[0].look > 0);
     assert_eq!(found(&mut session), (7.0, 7.0));
     // What a view shows changes them no more.
     put(&mut session, 0, &[1.0, 2.0, 8.0]);
     settle(&mut session);
     assert_eq!(found(&mut session), (7.0, 7.0));
+    // Whoever moves the camera does not wait for it, and no later view does.
+    let mut session = Session::new(Preferences::default());
+    session.loaded.add_job(&[], Arc::default(), Arc::default(), session.outside.now);
+    told(&mut session, opened(Vec::new()));
+    told(&mut session, pages(1));
+    assert_eq!(session.loaded.jobs[0].look, 0);
+    session.scene.navigation.camera_moved(session.outside.now);
+    session.with_loaded(Loaded::look_around);
+    let first = session.loaded.jobs[0].look;
+    session.outside.now += std::time::Duration::from_secs(9);
+    session.scene.camera.eye += DVec3::ONE;
+    session.with_loaded(Loaded::look_around);
+    assert!(first > 0 && session.loaded.jobs[0].look > first);
 }
 
 #[test]
