@@ -263,7 +263,7 @@ fn what_is_cancelled_before_any_view_stays_so_until_the_second_one() {
     let settings = Settings::default();
     let input = Input::Tiles { folder: folder.path().to_owned(), files: row(folder.path(), 80) };
     let job = start(vec![input], &settings, BTreeSet::new());
-    // From so high above that all tiles are seen.
+    // From so high above that some twenty tiles are seen.
     let set_view = |height: f64| {
         let camera = Camera::looking(DVec3::new(40.0 * SIDE, 50.0, height), DVec3::NEG_Z, height, DVec3::Y);
         job.mailbox.set_view(StreamView {
@@ -285,7 +285,8 @@ fn what_is_cancelled_before_any_view_stays_so_until_the_second_one() {
         assert!(Instant::now() < deadline);
         job.events.recv().unwrap()
     };
-    while !matches!(next(), Event::Pages { .. }) {}
+    // The first tile that is open.
+    while !matches!(next(), Event::Chunk { .. }) {}
     job.mailbox.stop_all();
     let summary = loop {
         if let Event::Read { summary, .. } = next() {
@@ -293,7 +294,7 @@ fn what_is_cancelled_before_any_view_stays_so_until_the_second_one() {
         }
     };
     assert!(summary.cancelled);
-    let open = [9000.0, 9500.0].map(|height| {
+    let open = [1500.0, 1600.0].map(|height| {
         let number = set_view(height);
         loop {
             match next() {
@@ -302,5 +303,5 @@ fn what_is_cancelled_before_any_view_stays_so_until_the_second_one() {
             }
         }
     });
-    assert!(open[0] < 60 && open[1] == 80, "{open:?}");
+    assert!(open[0] < open[1], "{open:?}");
 }
