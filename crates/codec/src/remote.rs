@@ -289,12 +289,10 @@ impl Remote {
             let pieces = self.pieces(&state, &free);
             state.pending.extend(pieces.iter().cloned().flatten());
             drop(state);
-            let done = at_once(&pieces, PIECES_AT_ONCE, |piece| self.fetch_piece(piece.clone()));
-            let mut state = self.lock();
-            state.pending.retain(|block| !pieces.iter().any(|piece| piece.contains(block)));
-            state.has_failed |= done.iter().any(io::Result::is_err);
-            drop(state);
-            self.changed.notify_all();
+            let pending = Pending { remote: self, pieces };
+            let done = at_once(&pending.pieces, PIECES_AT_ONCE, |piece| self.fetch_piece(piece.clone()));
+            self.lock().has_failed |= done.iter().any(io::Result::is_err);
+            drop(pending);
             done.into_iter().collect::<io::Result<()>>()?;
         }
     }
@@ -371,6 +369,19 @@ impl Remote {
             (network().watch)(&self.path, total, total);
         }
         read
+    }
+}
+
+/// Blocks that are being fetched. However that ends, by a panic, too, nobody waits for them after that.
+struct Pending<'a> {
+    remote: &'a Remote,
+    pieces: Vec<Range<u64>>,
+}
+
+impl Drop for Pending<'_> {
+    fn drop(&mut self) {
+        self.remote.lock().pending.retain(|block| !self.pieces.iter().any(|piece| piece.contains(block)));
+        self.remote.changed.notify_all();
     }
 }
 

@@ -26,6 +26,9 @@ const LIMIT: u64 = 32 << 20;
 /// The name of files whose fetch is stopped at the first report of bytes, and how many had come by then at most.
 const STOPPED: &str = "stopped.ply";
 static STOPPED_AT: AtomicU64 = AtomicU64::new(0);
+/// The name of a file whose first report of bytes panics.
+const PANICS: &str = "panics.ply";
+static HAS_PANICKED: AtomicBool = AtomicBool::new(false);
 
 /// The folder of the cache of this process, which all tests share.
 fn cache() -> &'static Path {
@@ -34,6 +37,9 @@ fn cache() -> &'static Path {
         let folder = tempfile::tempdir().unwrap();
         let authorization = Some("Bearer secret".to_owned());
         let watch = Box::new(|path: &Path, done: u64, total: u64| {
+            if path.ends_with(PANICS) && done > 0 {
+                assert!(HAS_PANICKED.swap(true, Ordering::Relaxed), "a report that panics");
+            }
             let is_stopped = path.ends_with(STOPPED) && (1..total).contains(&done);
             if is_stopped {
                 STOPPED_AT.fetch_max(done, Ordering::Relaxed);
@@ -577,14 +583,44 @@ fn a_server_that_asks_to_wait_is_waited_for() {
     assert_eq!(points(&open(&server.path("a.ply")).unwrap()).len(), 100);
     assert!(server.requests() < 8, "{} requests", server.requests());
     // One that asks for more patience than a person has is not asked again at once.
-    let server = Server::new(move |_, stream| {
-        write!(stream, "HTTP/1.1 503 Busy\r\nretry-after: 3600\r\ncontent-length: 0\r\n\r\n")
-    });
-    for _ in 0..2 {
-        let told = message(&server.path("a.ply"));
-        assert!(told.contains("asks to wait for 3600 s"), "{told}");
+    for (asked, told_as, first) in [("3600", "3600", "3600"), ("18446744073709551615", "86400", "1")] {
+        let server = Server::new(move |request, stream| {
+            let time = if request.number == 1 { first } else { asked };
+            write!(stream, "HTTP/1.1 503 Busy\r\nretry-after: {time}\r\ncontent-length: 0\r\n\r\n")
+        });
+        let requests = if first == asked { 1 } else { 2 };
+        for _ in 0..2 {
+            let told = message(&server.path("a.ply"));
+            assert!(told.contains(&format!("asks to wait for {told_as} s")), "{told}");
+        }
+        assert_eq!(server.requests(), requests);
     }
-    assert_eq!(server.requests(), 1);
+}
+
+#[test]
+fn nobody_waits_for_blocks_whose_fetch_has_panicked() {
+    cache();
+    let file = ply(80_000, 1.0);
+    let whole = file.clone();
+    // The first answer is a part, and all others have all of the file, which is reported.
+    let server = Server::new(move |request, stream| match request.number {
+        1 => send_part(&whole, "etag: \"1\"\r\n", request, stream),
+        _ => send_part(&whole, "etag: \"1\"\r\n", &Request::default(), stream),
+    });
+    let path = server.path(PANICS);
+    codec::trust_address(&path);
+    let bytes = Arc::new(codec::Bytes::open(&path).unwrap());
+    let own = bytes.clone();
+    let first = std::thread::spawn(move || own.read_at(500_000, &mut [0; 100]).is_ok());
+    assert!(first.join().is_err(), "the report has not panicked");
+    let (sender, receiver) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let mut part = [0; 100];
+        let read = bytes.read_at(500_000, &mut part);
+        sender.send((read.unwrap(), part)).unwrap();
+    });
+    let (read, part) = receiver.recv_timeout(std::time::Duration::from_secs(20)).unwrap();
+    assert_eq!((read, &part[..]), (100, &file[500_000..500_100]));
 }
 
 #[test]

@@ -33,6 +33,8 @@ const LEFT_ALONE: Duration = Duration::from_secs(15);
 /// How long a request waits at most where a server asks to wait: at a time, and in all.
 const LONGEST_WAIT: Duration = Duration::from_secs(30);
 const MOST_WAITING: Duration = Duration::from_secs(60);
+/// The longest wait in seconds that a server is believed to ask for: a day.
+const MOST_ASKED: u64 = 24 * 60 * 60;
 /// How often it is looked meanwhile whether to go on.
 const LOOK: Duration = Duration::from_millis(100);
 /// The most bytes of an answer's head.
@@ -214,7 +216,7 @@ fn repeated<T>(
             },
             Err(Failure::Later(time, problem)) => {
                 let problem = format!("{problem} and asks to wait for {} s", time.as_secs());
-                waiting += time;
+                waiting = waiting.saturating_add(time);
                 if time > LONGEST_WAIT {
                     left_alone(&problem);
                 }
@@ -297,7 +299,7 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Respo
                 let problem = format!("the server is not able to answer now (status {status})");
                 let time = text(answer.headers(), "retry-after").parse().ok().filter(|seconds| *seconds > 0);
                 return Err(match time {
-                    Some(seconds) => Failure::Later(Duration::from_secs(seconds), problem),
+                    Some(seconds) => Failure::Later(Duration::from_secs(MOST_ASKED.min(seconds)), problem),
                     None => Failure::Again(problem),
                 });
             }
