@@ -98,6 +98,16 @@ impl Address {
     }
 }
 
+impl Address {
+    /// Whether what lies beside a file at this address lies beside one at another, too, which a server sends on to: the name
+    /// is the same, without a key of its own, or one of both is a folder.
+    pub fn is_moved_to(&self, other: &Self) -> bool {
+        let name = |address: &Self| address.path.rsplit('/').next().unwrap_or_default().to_owned();
+        let has_no_key = other.query.is_empty() || other.query == self.query;
+        other.path.ends_with('/') || (has_no_key && (self.path.ends_with('/') || name(self) == name(other)))
+    }
+}
+
 fn has_scheme(reference: &str) -> bool {
     reference.split(['/', '?', '#']).next().is_some_and(|first| first.contains(':'))
 }
@@ -218,6 +228,24 @@ mod tests {
         ] {
             assert_eq!(base.sent_on(reference).unwrap().text(), expected, "{reference}");
         }
+    }
+
+    #[test]
+    fn a_folder_that_has_moved_is_told_from_a_store_of_single_files() {
+        let base = Address::parse("https://host/a/ept.json?key=1").unwrap();
+        for (other, is) in [
+            ("/b/ept.json", true),
+            ("/b/ept.json?key=1", true),
+            ("/b/?key=2", true),
+            ("https://other/b/ept.json", true),
+            ("/b/ept.json?key=2", false),
+            ("/blob/17", false),
+        ] {
+            assert_eq!(base.is_moved_to(&base.sent_on(other).unwrap()), is, "{other}");
+        }
+        let folder = Address::parse("https://host/a/").unwrap();
+        assert!(folder.is_moved_to(&folder.sent_on("ept.json").unwrap()));
+        assert!(!folder.is_moved_to(&folder.sent_on("/blob/17?key=1").unwrap()));
     }
 
     #[test]

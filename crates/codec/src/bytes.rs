@@ -166,7 +166,7 @@ impl Bytes {
         &self.path
     }
 
-    /// What the parts of a cloud that the file names lie beside: its path, or the address that a server has sent on to.
+    /// What the parts of a cloud that the file names lie beside: its path, or the address that its folder has moved to.
     pub fn base(&self) -> &Path {
         match &self.place {
             Place::Remote(remote) => remote.base(),

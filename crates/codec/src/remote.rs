@@ -38,7 +38,7 @@ const REPORT: u64 = 64 << 10;
 pub struct Remote {
     path: PathBuf,
     address: Address,
-    /// Where the server sends on to, which is where parts lie beside.
+    /// What parts lie beside.
     base: PathBuf,
     stamp: Stamp,
     /// The weak ETag of the first answer that has one.
@@ -117,7 +117,7 @@ impl Remote {
         let (base, stamp, answer) = match (first, known) {
             (First::Unchanged(base), Some(known)) => (base, known, None),
             (First::Unchanged(_), None) => return Err(io::Error::other("the server says nothing about the file")),
-            (First::Answer(answer), _) => (answer.address.clone(), answer.stamp.clone(), Some(answer)),
+            (First::Answer(answer), _) => (answer.base.clone(), answer.stamp.clone(), Some(answer)),
         };
         if before.is_some_and(|before| *before != stamp) {
             return Err(io::Error::other(request::CHANGED));

@@ -117,7 +117,7 @@ fn open_file(bytes: Bytes, memory: u64) -> Result<Vec<Source>> {
     let count = bytes.read_at(0, &mut start).map_err(|error| Error::io(path, error))?;
     let start = &start[..count];
     let is_copc = start.starts_with(b"LASF") && las::is_copc(&bytes);
-    let is_ept = ept::is_ept(start, bytes.base());
+    let is_ept = ept::is_ept(start, path) || ept::is_ept(start, bytes.base());
     if !is_copc && !is_ept {
         // All other formats are read from end to end.
         bytes.fetch_all()?;

@@ -660,6 +660,45 @@ fn parts_behind_a_redirect_lie_beside_its_target() {
 }
 
 #[test]
+fn files_that_a_server_sends_on_one_by_one_open_with_their_parts() {
+    let Some(data) = data() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("tile.ply"), ply(100, 1.0)).unwrap();
+    let item = r#"{"assets":{"data":{"href":"./tile.ply"}}}"#;
+    let catalogue = format!(r#"{{"type":"FeatureCollection","features":[{item}]}}"#);
+    fs::write(folder.path().join("all.vpc"), catalogue).unwrap();
+    for (root, name) in [(data.join("ept/1.2-with-color"), "ept.json"), (folder.path().to_owned(), "all.vpc")] {
+        let own = root.clone();
+        // A store, which has each file under a number, with a key that opens it alone.
+        let names: Mutex<Vec<String>> = Mutex::default();
+        let server = Server::new(move |request, stream| {
+            let mut names = names.lock().unwrap();
+            if let Some(name) = request.path.strip_prefix("/dl/") {
+                names.push(name.to_owned());
+                let number = names.len() - 1;
+                let target = format!("/blob/uuid{number}?sig={number}");
+                return write!(stream, "HTTP/1.1 302 Found\r\nlocation: {target}\r\ncontent-length: 0\r\n\r\n");
+            }
+            let number = request.path.rsplit_once('=').and_then(|(_, number)| number.parse::<usize>().ok());
+            let number = number.filter(|number| request.path == format!("/blob/uuid{number}?sig={number}"));
+            let file = number.and_then(|number| fs::read(own.join(names.get(number)?)).ok());
+            drop(names);
+            match file {
+                Some(file) => send_part(&file, "etag: \"1\"\r\n", request, stream),
+                None => write!(stream, "HTTP/1.1 403 No\r\ncontent-length: 0\r\n\r\n"),
+            }
+        });
+        let expected = points(&codec::open(&root.join(name)).unwrap());
+        let source = open(&server.path(&format!("dl/{name}"))).unwrap();
+        assert!(points(&source) == expected, "{name}");
+        // Each part is asked for under its own name, with credentials.
+        let asked = server.asked();
+        let named: Vec<_> = asked.iter().filter(|request| request.path.starts_with("/dl/")).collect();
+        assert!(named.len() > 1 && named.iter().all(|request| request.header("authorization").is_some()), "{name}");
+    }
+}
+
+#[test]
 fn what_a_server_is_no_server_of_is_said_at_once() {
     let told = message(Path::new(&format!("http://{}.invalid/a.laz", "a".repeat(64))));
     assert!(told.contains("no such server"), "{told}");

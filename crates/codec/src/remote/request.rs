@@ -62,15 +62,15 @@ pub struct Answer {
     pub weak: String,
     /// The bytes of the file that follow; all of them if the server does not give parts.
     pub range: Range<u64>,
-    /// Where it comes from, after all that it was sent on to.
-    pub address: Address,
+    /// What the parts that a document there names lie beside.
+    pub base: Address,
     body: Body,
 }
 
 /// What a first request brings.
 pub enum First {
     Answer(Answer),
-    /// The file is as it was; its address after all that it was sent on to.
+    /// The file is as it was; what its parts lie beside.
     Unchanged(Address),
 }
 
@@ -134,15 +134,15 @@ pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Res
                 true => headers.push(("if-modified-since", known.modified.clone())),
             }
         }
-        let (address, answer) = sent(address, &headers)?;
+        let (base, answer) = sent(address, &headers)?;
         match answer.status().as_u16() {
-            304 if known.is_some() => Ok(First::Unchanged(address)),
+            304 if known.is_some() => Ok(First::Unchanged(base)),
             416 => {
                 let headers = answer.headers();
                 let (stamp, weak) = (stamp(headers, 0), weak(headers));
-                Ok(First::Answer(Answer { stamp, weak, range: 0..0, address, body: answer.into_body() }))
+                Ok(First::Answer(Answer { stamp, weak, range: 0..0, base, body: answer.into_body() }))
             }
-            _ => checked(address, answer, most.map(|most| 0..most), None).map(First::Answer),
+            _ => checked(base, answer, most.map(|most| 0..most), None).map(First::Answer),
         }
     })
 }
@@ -166,8 +166,8 @@ pub fn part(
         // What came before an answer was cut is there.
         let wanted = from..range.end;
         let headers = [("range", format!("bytes={}-{}", wanted.start, wanted.end - 1))];
-        let (address, answer) = sent(address, &headers)?;
-        let answer = checked(address, answer, Some(wanted.clone()), Some(stamp))?;
+        let (base, answer) = sent(address, &headers)?;
+        let answer = checked(base, answer, Some(wanted.clone()), Some(stamp))?;
         if !answer.weak.is_empty() && *weak.get_or_init(|| answer.weak.clone()) != answer.weak {
             return Err(Failure::Final(CHANGED.into()));
         }
@@ -263,9 +263,11 @@ fn times(count: usize) -> String {
     if count == 1 { "once".into() } else { format!("{count} times") }
 }
 
-/// Sends a request and follows where it is sent on to. Returns where the answer comes from, too.
+/// Sends a request and follows where it is sent on to. Returns what the parts of a document there lie beside, too: the
+/// address itself, or another one as long as the server sends on from folder to folder. Where it sends on to other names or
+/// with keys, as stores do with each file by itself, the parts are found where they are named.
 fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Response<Body>), Failure> {
-    let mut address = address.clone();
+    let (mut address, mut base) = (address.clone(), address.clone());
     for _ in 0..=MOST_REDIRECTS {
         let mut request = agent().get(address.text());
         for (name, value) in headers {
@@ -286,9 +288,12 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Respo
                 if address.is_secure && !next.is_secure {
                     return Err(Failure::Final("the server sends on from https to http, which is not followed".into()));
                 }
+                if base == address && address.is_moved_to(&next) {
+                    base = next.clone();
+                }
                 address = next;
             }
-            200 | 206 | 304 | 416 => return Ok((address, answer)),
+            200 | 206 | 304 | 416 => return Ok((base, answer)),
             401 | 403 => {
                 let problem =
                     "the server asks for credentials, or does not accept them; GLINT_AUTHORIZATION or --authorization";
@@ -311,7 +316,7 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Respo
 
 /// Checks the head of an answer against what was asked for: a `wanted` part, of the file with this stamp.
 fn checked(
-    address: Address,
+    base: Address,
     answer: Response<Body>,
     wanted: Option<Range<u64>>,
     known: Option<&Stamp>,
@@ -349,7 +354,7 @@ fn checked(
     if known.is_some_and(|known| *known != stamp) {
         return Err(Failure::Final(CHANGED.into()));
     }
-    Ok(Answer { stamp, weak, range, address, body: answer.into_body() })
+    Ok(Answer { stamp, weak, range, base, body: answer.into_body() })
 }
 
 /// The part that an answer says it is, and the length of the whole.
