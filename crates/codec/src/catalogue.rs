@@ -201,13 +201,15 @@ pub fn read(file: &Bytes) -> Result<Vec<Entry>> {
         let kind = brief::brief(&told.kind);
         return Err(fail("catalogue".into(), format!("a `{kind}`, expected a FeatureCollection")));
     }
+    let references = told.features.0.iter().filter_map(|item| item.assets.0.as_deref());
+    let has_escapes = !is_address(file.base()) && are_escaped(file.base(), references);
     let mut known = HashMap::new();
     let mut entries: Vec<Entry> = Vec::new();
     for (number, item) in told.features.0.into_iter().enumerate() {
         let place = format!("item {number}");
         let reference =
             item.assets.0.ok_or_else(|| fail(place.clone(), "no reference to a file (assets, data, href)".into()))?;
-        let own = resolved(file.base(), &reference).map_err(|problem| fail(place, problem))?;
+        let own = resolved(file.base(), &reference, has_escapes).map_err(|problem| fail(place, problem))?;
         let place = *known.entry(own.clone()).or_insert(entries.len());
         if let Some(entry) = entries.get_mut(place) {
             entry.is_repeated = true;
@@ -273,8 +275,33 @@ fn is_believable(bounds: &Bounds) -> bool {
     bounds.min.is_finite() && bounds.max.is_finite() && !bounds.is_empty()
 }
 
-/// The file that a reference in a catalogue stands for.
-fn resolved(catalogue: &Path, reference: &str) -> std::result::Result<PathBuf, String> {
+/// The file on disk of a name in a catalogue.
+fn own(catalogue: &Path, name: &str) -> PathBuf {
+    catalogue.parent().unwrap_or(Path::new("")).join(name.strip_prefix("./").unwrap_or(name))
+}
+
+/// Whether the references of a catalogue on disk are parts of addresses, as STAC has them, beyond doubt: nothing stands there
+/// that would be escaped, and taken so they are as many files as taken as they are, none of which is there only then.
+fn are_escaped<'a>(catalogue: &Path, references: impl Iterator<Item = &'a str>) -> bool {
+    let (mut plain_files, mut files) = (HashSet::new(), HashSet::new());
+    for reference in references.filter(|reference| !is_address(Path::new(reference))) {
+        let is_hex = |part: &str| part.len() >= 2 && part.bytes().take(2).all(|byte| byte.is_ascii_hexdigit());
+        if reference.contains(['#', '?']) || !reference.split('%').skip(1).all(is_hex) {
+            return false;
+        }
+        let plain = own(catalogue, reference);
+        let file = decoded(reference).map_or_else(|| plain.clone(), |decoded| own(catalogue, &decoded));
+        if file != plain && !file.exists() && plain.exists() {
+            return false;
+        }
+        plain_files.insert(plain);
+        files.insert(file);
+    }
+    plain_files.len() == files.len()
+}
+
+/// The file that a reference in a catalogue stands for, of which it may be certain that it `has_escapes` on disk.
+fn resolved(catalogue: &Path, reference: &str, has_escapes: bool) -> std::result::Result<PathBuf, String> {
     if is_address(catalogue) {
         let base = Address::parse(&catalogue.to_string_lossy())?;
         let own = base.joined(reference).map_err(|problem| format!("`{}`: {problem}", brief::brief(reference)))?;
@@ -283,12 +310,10 @@ fn resolved(catalogue: &Path, reference: &str) -> std::result::Result<PathBuf, S
     if is_address(Path::new(reference)) {
         return Ok(reference.into());
     }
-    let folder = catalogue.parent().unwrap_or(Path::new(""));
-    let own = |reference: &str| folder.join(reference.strip_prefix("./").unwrap_or(reference));
-    let plain = own(reference);
-    // Many programs write names as they are, others as STAC has them: as parts of an address.
-    let decoded = decoded(reference).map(|decoded| own(&decoded)).filter(|decoded| !plain.exists() && decoded.exists());
-    Ok(decoded.unwrap_or(plain))
+    let plain = own(catalogue, reference);
+    // Many programs write names as they are.
+    let decoded = decoded(reference).map(|decoded| own(catalogue, &decoded));
+    Ok(decoded.filter(|decoded| has_escapes || (!plain.exists() && decoded.exists())).unwrap_or(plain))
 }
 
 /// What is written of a tile.

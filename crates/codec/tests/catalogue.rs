@@ -155,8 +155,10 @@ fn tiles_with_signs_of_addresses_in_their_names_are_found_on_disk_and_on_a_serve
     let folder = tempfile::tempdir().unwrap();
     let head = "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n";
     let names: &[&str] = match cfg!(windows) {
-        true => &["area x.ply", "area%20x.ply", "tile #1.ply", "tile #2.ply", "50%.ply", "plan ä.ply"],
-        false => &["area x.ply", "area%20x.ply", "tile #1.ply", "tile #2.ply", "what?.ply", "50%.ply", "plan ä.ply"],
+        true => &["area x.ply", "area%20x.ply", "a#1.ply", "a%231.ply", "tile #2.ply", "50%.ply", "plan ä.ply"],
+        false => {
+            &["area x.ply", "area%20x.ply", "a#1.ply", "a%231.ply", "tile #2.ply", "what?.ply", "50%.ply", "plan ä.ply"]
+        }
     };
     let paths: Vec<_> = names.iter().map(|name| folder.path().join(name)).collect();
     for (number, path) in paths.iter().enumerate() {
@@ -198,6 +200,10 @@ fn tiles_with_signs_of_addresses_in_their_names_are_found_on_disk_and_on_a_serve
     let text = format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, items.join(","));
     fs::write(folder.path().join("plain.vpc"), text).unwrap();
     assert_eq!(places(&folder.path().join("plain.vpc")), expected);
+    // Names that could be escapes, all of them, and are none, since two would be one.
+    let text = format!(r#"{{"type":"FeatureCollection","features":[{},{}]}}"#, items[0], items[1]);
+    fs::write(folder.path().join("two.vpc"), text).unwrap();
+    assert_eq!(places(&folder.path().join("two.vpc")), expected[..2]);
 }
 
 #[test]
