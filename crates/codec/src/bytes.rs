@@ -15,8 +15,9 @@ use crate::error::{is_for_want_of_room, why_unwritten};
 use crate::remote::{Remote, Stamp};
 use crate::{Error, Result};
 
-/// The longest file of a server, in bytes, that is fetched once more as a whole where its head or its lists are damaged.
-const MOST_AGAIN: u64 = 64 << 20;
+/// The longest file of a server, in bytes, that is fetched as a whole where a part would do: once more where its head or its
+/// lists are damaged, or where the server sends all of it.
+pub(crate) const MOST_AGAIN: u64 = 64 << 20;
 
 /// The bytes of an open file. It stays open, so they are those of the file that was opened, whatever has its name later.
 /// Where another program has written to that file since, nothing more is read of it.

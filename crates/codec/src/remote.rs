@@ -13,10 +13,12 @@ use std::collections::{BTreeSet, HashMap};
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crate::address::Address;
 use crate::at_once::at_once;
+use crate::bytes::MOST_AGAIN;
 use crate::disk::Disk;
 use kept::{BLOCK, Kept};
 use network::network;
@@ -47,8 +49,12 @@ pub struct Remote {
     kept: Option<Kept>,
     state: Mutex<State>,
     changed: Condvar,
+    /// Whether the server sends parts of the file. Not known before the first one where the cache has the first bytes.
+    has_parts: OnceLock<bool>,
     /// Held while the whole file comes although a part was asked for.
     whole: Mutex<()>,
+    /// How often it was said not to go on.
+    stops: AtomicUsize,
     /// The bytes that are there of a whole file that is being fetched.
     so_far: Mutex<Option<u64>>,
 }
@@ -133,9 +139,22 @@ impl Remote {
         let disk = Disk::new(file);
         let weak = answer.as_ref().map(|answer| answer.weak.clone()).filter(|weak| !weak.is_empty());
         let weak = weak.map_or_else(OnceLock::new, OnceLock::from);
-        let (path, base) = (path.to_owned(), base.text().into());
-        let (changed, whole, so_far) = (Condvar::new(), Mutex::default(), Mutex::default());
-        let remote = Self { path, address, base, stamp, weak, disk, kept, state, changed, whole, so_far };
+        let has_parts = answer.as_ref().map(|answer| answer.range.end < stamp.length);
+        let remote = Self {
+            path: path.to_owned(),
+            address,
+            base: base.text().into(),
+            stamp,
+            weak,
+            disk,
+            kept,
+            state,
+            changed: Condvar::new(),
+            has_parts: has_parts.map_or_else(OnceLock::new, OnceLock::from),
+            whole: Mutex::default(),
+            stops: AtomicUsize::new(0),
+            so_far: Mutex::default(),
+        };
         match answer.map_or(Ok(()), |answer| remote.take(answer)) {
             // What is missing is asked for again when it is read.
             Ok(()) | Err(Failure::Again(_) | Failure::Later(..) | Failure::Silent) => {}
@@ -198,9 +217,15 @@ impl Remote {
     fn goes_on(&self) -> bool {
         let so_far = *self.so_far();
         // All of it is told at the end alone.
-        so_far.is_none_or(|so_far| {
+        let goes_on = so_far.is_none_or(|so_far| {
             (network().watch)(&self.path, so_far.min(self.length().saturating_sub(1)), self.length())
-        })
+        });
+        self.stops.fetch_add(usize::from(!goes_on), Ordering::Relaxed);
+        goes_on
+    }
+
+    fn stops(&self) -> usize {
+        self.stops.load(Ordering::Relaxed)
     }
 
     /// Counts bytes that have come.
@@ -274,12 +299,17 @@ impl Remote {
             return Ok(());
         }
         let blocks = bytes.start / BLOCK..bytes.end.div_ceil(BLOCK);
+        // Who stops one fetch stops all that wait meanwhile.
+        let stops = self.stops();
         loop {
             let mut state = self.lock();
             self.check(&mut state, blocks.clone());
             let missing: Vec<u64> = blocks.clone().filter(|block| !state.has(*block)).collect();
             if missing.is_empty() {
                 return Ok(());
+            }
+            if self.stops() != stops {
+                return Err(io::Error::other(STOPPED));
             }
             let free: Vec<u64> = missing.into_iter().filter(|block| !state.pending.contains(block)).collect();
             if free.is_empty() {
@@ -290,7 +320,7 @@ impl Remote {
             state.pending.extend(pieces.iter().cloned().flatten());
             drop(state);
             let pending = Pending { remote: self, pieces };
-            let done = at_once(&pending.pieces, PIECES_AT_ONCE, |piece| self.fetch_piece(piece.clone()));
+            let done = at_once(&pending.pieces, PIECES_AT_ONCE, |piece| self.fetch_piece(piece.clone(), stops));
             self.lock().has_failed |= done.iter().any(io::Result::is_err);
             drop(pending);
             done.into_iter().collect::<io::Result<()>>()?;
@@ -332,10 +362,18 @@ impl Remote {
         pieces
     }
 
-    fn fetch_piece(&self, blocks: Range<u64>) -> io::Result<()> {
+    /// Fetches blocks for a read that began after so many `stops`.
+    fn fetch_piece(&self, blocks: Range<u64>, stops: usize) -> io::Result<()> {
         let range = blocks.start * BLOCK..(blocks.end * BLOCK).min(self.length());
         let mut filler = Filler { remote: self, block: blocks.start, bytes: Vec::with_capacity(BLOCK as usize) };
+        let mut wholes = 0;
         let mut take_whole = |answer: Answer| {
+            wholes += 1;
+            // A cache on the way may send all of it now and then.
+            let is_usual = self.has_parts.get().map_or(wholes > 1, |has_parts| !has_parts);
+            if !is_usual && self.length() > MOST_AGAIN {
+                return Err(Failure::Again("the server sends the whole file in place of a part".into()));
+            }
             // Several pieces are asked for at once, and one answer has them all.
             let _alone = self.whole.lock().unwrap_or_else(PoisonError::into_inner);
             let state = self.lock();
@@ -343,11 +381,17 @@ impl Remote {
                 return Ok(());
             }
             drop(state);
+            if self.stops() != stops {
+                return Err(Failure::Final(STOPPED.into()));
+            }
             self.take(answer)
         };
-        let give = &mut |at, bytes: &[u8]| filler.give(at, bytes);
-        let part =
-            request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole, &|| self.goes_on());
+        let give = &mut |at, bytes: &[u8]| {
+            self.has_parts.get_or_init(|| true);
+            filler.give(at, bytes)
+        };
+        let goes_on = || self.stops() == stops && self.goes_on();
+        let part = request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole, &goes_on);
         part.map_err(io::Error::other)
     }
 

@@ -26,6 +26,9 @@ const LIMIT: u64 = 32 << 20;
 /// The name of files whose fetch is stopped at the first report of bytes, and how many had come by then at most.
 const STOPPED: &str = "stopped.ply";
 static STOPPED_AT: AtomicU64 = AtomicU64::new(0);
+/// The name of a file whose fetch is stopped at the first report of bytes, and then no more.
+const STOPPED_ONCE: &str = "stopped_once.ply";
+static IS_STOPPED: AtomicBool = AtomicBool::new(false);
 /// The name of a file whose first report of bytes panics.
 const PANICS: &str = "panics.ply";
 static HAS_PANICKED: AtomicBool = AtomicBool::new(false);
@@ -39,6 +42,9 @@ fn cache() -> &'static Path {
         let watch = Box::new(|path: &Path, done: u64, total: u64| {
             if path.ends_with(PANICS) && done > 0 {
                 assert!(HAS_PANICKED.swap(true, Ordering::Relaxed), "a report that panics");
+            }
+            if path.ends_with(STOPPED_ONCE) && (1..total).contains(&done) {
+                return IS_STOPPED.swap(true, Ordering::Relaxed);
             }
             let is_stopped = path.ends_with(STOPPED) && (1..total).contains(&done);
             if is_stopped {
@@ -632,6 +638,53 @@ fn the_fetch_of_a_file_stops_within_some_blocks() {
     assert!(told.contains("stopped while it was fetched"), "{told}");
     let at = STOPPED_AT.load(Ordering::Relaxed);
     assert!((1..1 << 20).contains(&at), "at {at} bytes");
+}
+
+#[test]
+fn who_waits_for_a_fetch_that_is_stopped_is_stopped_too() {
+    cache();
+    let file = ply(300_000, 1.0);
+    let all_ask = std::sync::Barrier::new(4);
+    let server = Server::new(move |request, stream| {
+        if request.number == 1 {
+            return send_part(&file, "etag: \"1\"\r\n", request, stream);
+        }
+        all_ask.wait();
+        send_part(&file, "etag: \"1\"\r\n", &Request::default(), stream)
+    });
+    let path = server.path(STOPPED_ONCE);
+    codec::trust_address(&path);
+    let bytes = codec::Bytes::open(&path).unwrap();
+    let read = |part: u64| bytes.read_at(part * 500_000, &mut [0; 100]).err().map(|error| error.to_string());
+    let told: Vec<Option<String>> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (1..5).map(|part| scope.spawn(move || read(part))).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+    });
+    assert_eq!(told.iter().flatten().filter(|told| told.contains("stopped while")).count(), 4, "{told:?}");
+    assert_eq!(server.requests(), 5);
+}
+
+#[test]
+fn a_long_file_is_not_fetched_whole_for_one_answer_that_has_all_of_it() {
+    const LENGTH: u64 = 5 << 30;
+    cache();
+    let server = Server::new(|request, stream| {
+        let (first, last) = request.range().unwrap();
+        if request.number == 2 {
+            write!(stream, "HTTP/1.1 200 OK\r\netag: \"1\"\r\ncontent-length: {LENGTH}\r\n\r\n")?;
+            return (0..1000).try_for_each(|_| stream.write_all(&[7; 4096]));
+        }
+        let (last, etag) = (last.min(LENGTH - 1), "etag: \"1\"");
+        let count = last + 1 - first;
+        let range = format!("content-range: bytes {first}-{last}/{LENGTH}");
+        write!(stream, "HTTP/1.1 206 Part\r\n{etag}\r\n{range}\r\ncontent-length: {count}\r\n\r\n")?;
+        stream.write_all(&vec![7; count as usize])
+    });
+    let path = server.path("a.ply");
+    codec::trust_address(&path);
+    let mut part = [0; 100];
+    codec::Bytes::open(&path).unwrap().read_at(1 << 30, &mut part).unwrap();
+    assert_eq!((part, server.requests()), ([7; 100], 3));
 }
 
 #[test]
