@@ -43,6 +43,20 @@ fn a_server_that_falls_silent_is_asked_twice_again_and_then_left_alone() {
     assert!(told.contains("silent a moment ago") && server.requests() == asked, "{told}");
 }
 
+#[test]
+fn a_server_that_asks_to_wait_again_and_again_is_left_alone() {
+    let server = Server::new(move |_, stream| {
+        write!(stream, "HTTP/1.1 503 Busy\r\nretry-after: 3\r\ncontent-length: 0\r\n\r\n")
+    });
+    let path = typed(&server, "a.ply");
+    let message = || codec::open(&path).err().unwrap().to_string();
+    assert!(message().contains("asks to wait for 3 s"));
+    let asked = server.requests();
+    let told = message();
+    assert!(told.contains("is not asked yet"), "{told}");
+    assert_eq!((asked, server.requests()), (3, 3));
+}
+
 /// The first line of an answer with all of a file of this length.
 const HEAD: &str = "HTTP/1.1 200 OK\r\nlast-modified: Mon, 30 Nov 2026 10:00:00 GMT\r\n";
 

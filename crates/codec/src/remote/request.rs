@@ -23,19 +23,17 @@ pub const CHANGED: &str = "the file on the server has changed since it was opene
 pub const STOPPED: &str = "stopped while it was fetched";
 /// The number of addresses that one request may be sent on to.
 const MOST_REDIRECTS: usize = 5;
-/// The rate in bytes a second that an answer needs at least once it has taken as long as some silences.
+/// The rate in bytes a second that an answer needs at least once it has taken as long as some silences. As long a request waits
+/// at most in all where a server asks to wait, and half as long at a time.
 const LEAST_RATE: u64 = 64;
 const MOST_PATIENCE: u32 = 3;
 /// How often a server that is silent is asked for a part, and how long it is left alone after that: many parts are asked
 /// for, and each would wait anew.
 const MOST_SILENCES: usize = 2;
 const LEFT_ALONE: Duration = Duration::from_secs(15);
-/// How long a request waits at most where a server asks to wait: at a time, and in all.
-const LONGEST_WAIT: Duration = Duration::from_secs(30);
-const MOST_WAITING: Duration = Duration::from_secs(60);
 /// The longest wait in seconds that a server is believed to ask for: a day.
 const MOST_ASKED: u64 = 24 * 60 * 60;
-/// How often it is looked meanwhile whether to go on.
+/// How often it is looked during a wait whether to go on.
 const LOOK: Duration = Duration::from_millis(100);
 /// The most bytes of an answer's head.
 const MOST_HEAD: usize = 32 << 10;
@@ -200,7 +198,11 @@ fn repeated<T>(
         let until = later().get(server).cloned().filter(|(until, _)| Instant::now() < *until);
         match until {
             Some((_, Some(problem))) => return Err(problem),
-            Some((until, None)) => wait(until, goes_on)?,
+            Some((until, None)) => {
+                wait(until, goes_on)?;
+                // Others may have been told more meanwhile.
+                continue;
+            }
             None => {}
         }
         let began = Instant::now();
@@ -217,18 +219,17 @@ fn repeated<T>(
             Err(Failure::Later(time, problem)) => {
                 let problem = format!("{problem} and asks to wait for {} s", time.as_secs());
                 waiting = waiting.saturating_add(time);
-                if time > LONGEST_WAIT {
+                let patience = network().silence * MOST_PATIENCE;
+                if time > patience / 2 || waiting > patience {
                     left_alone(&problem);
-                }
-                if time > LONGEST_WAIT || waiting > MOST_WAITING {
                     return Err(problem);
                 }
                 // So do all others that ask it.
-                let until = Instant::now() + time;
+                let now = Instant::now();
                 let mut later = later();
-                let known = later.entry(server.clone()).or_insert((until, None));
-                if known.0 < until {
-                    *known = (until, None);
+                let known = later.entry(server.clone()).or_insert((now, None));
+                if known.0 <= now || (known.1.is_none() && known.0 < now + time) {
+                    *known = (now + time, None);
                 }
             }
             Err(Failure::Silent) => {
