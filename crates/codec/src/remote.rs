@@ -9,6 +9,7 @@ mod kept;
 mod network;
 mod request;
 
+use std::cell::Cell;
 use std::collections::{BTreeSet, HashMap};
 use std::io;
 use std::ops::Range;
@@ -118,7 +119,19 @@ impl Remote {
         let most = if is_small { None } else { Some(FIRST) };
         let first = match before {
             Some(before) if known.as_ref() == Some(before) => First::Unchanged(address.clone()),
-            _ => request::first(&address, most, known.as_ref()).map_err(io::Error::other)?,
+            _ => {
+                // A wait is shown, and may be stopped.
+                let has_waited = Cell::new(false);
+                let goes_on = || {
+                    has_waited.set(true);
+                    (network().watch)(path, 0, 1)
+                };
+                let first = request::first(&address, most, known.as_ref(), &goes_on);
+                if has_waited.get() {
+                    (network().watch)(path, 1, 1);
+                }
+                first.map_err(io::Error::other)?
+            }
         };
         let (base, stamp, answer) = match (first, known) {
             (First::Unchanged(base), Some(known)) => (base, known, None),

@@ -26,6 +26,9 @@ const LIMIT: u64 = 32 << 20;
 /// The name of files whose fetch is stopped at the first report of bytes, and how many had come by then at most.
 const STOPPED: &str = "stopped.ply";
 static STOPPED_AT: AtomicU64 = AtomicU64::new(0);
+/// The name of a file whose opening is stopped while it waits, and the number of waits whose end was told.
+const WAITS: &str = "waits.ply";
+static WAITS_ENDED: AtomicU64 = AtomicU64::new(0);
 /// The name of a file whose fetch is stopped at the first report of bytes, and then no more.
 const STOPPED_ONCE: &str = "stopped_once.ply";
 static IS_STOPPED: AtomicBool = AtomicBool::new(false);
@@ -42,6 +45,10 @@ fn cache() -> &'static Path {
         let watch = Box::new(|path: &Path, done: u64, total: u64| {
             if path.ends_with(PANICS) && done > 0 {
                 assert!(HAS_PANICKED.swap(true, Ordering::Relaxed), "a report that panics");
+            }
+            if path.ends_with(WAITS) && total == 1 {
+                WAITS_ENDED.fetch_add(done, Ordering::Relaxed);
+                return false;
             }
             if path.ends_with(STOPPED_ONCE) && (1..total).contains(&done) {
                 return IS_STOPPED.swap(true, Ordering::Relaxed);
@@ -601,6 +608,17 @@ fn a_server_that_asks_to_wait_is_waited_for() {
         }
         assert_eq!(server.requests(), requests);
     }
+}
+
+#[test]
+fn the_wait_of_an_opening_can_be_stopped() {
+    let server = Server::new(move |_, stream| {
+        write!(stream, "HTTP/1.1 503 Busy\r\nretry-after: 20\r\ncontent-length: 0\r\n\r\n")
+    });
+    let began = std::time::Instant::now();
+    let told = message(&server.path(WAITS));
+    assert!(told.contains("stopped while it was fetched") && began.elapsed().as_secs() < 10, "{told}");
+    assert_eq!((server.requests(), WAITS_ENDED.load(Ordering::Relaxed)), (1, 1));
 }
 
 #[test]

@@ -16,8 +16,8 @@ const WAITS: [u64; 4] = [200, 400, 800, 1600];
 /// The time without a byte after which a server is given up.
 const SILENCE: Duration = Duration::from_secs(20);
 
-/// Called while a whole file is fetched: its address, bytes so far, bytes in all. The last call says that all are there, even
-/// where the fetch has failed. Returns whether to go on.
+/// Called while a whole file is fetched: its address, bytes so far, bytes in all; and while an opening waits before it asks
+/// again, with 0 bytes of 1. The last call says that all are there, even where the fetch has failed. Returns whether to go on.
 type Watch = Box<dyn Fn(&Path, u64, u64) -> bool + Send + Sync>;
 
 /// How servers are asked. A process has one; without one, nothing is kept.

@@ -119,11 +119,17 @@ impl Answer {
 }
 
 /// Asks for a file for the first time: for its first bytes, or for all of them. `known` is the stamp of what the cache has.
+/// During waits `goes_on` says, several times a second, whether to wait on.
 ///
 /// # Errors
 /// Says why there is no answer that can be used.
-pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Result<First, String> {
-    repeated(address, &|| true, || {
+pub fn first(
+    address: &Address,
+    most: Option<u64>,
+    known: Option<&Stamp>,
+    goes_on: &dyn Fn() -> bool,
+) -> Result<First, String> {
+    repeated(address, goes_on, || {
         let mut headers: Vec<(&str, String)> = Vec::new();
         headers.extend(most.map(|most| ("range", format!("bytes=0-{}", most.max(1) - 1))));
         if let Some(known) = known {
@@ -146,7 +152,7 @@ pub fn first(address: &Address, most: Option<u64>, known: Option<&Stamp>) -> Res
 }
 
 /// Asks for a part of a file, whose bytes `give` gets. `weak` is the weak ETag of earlier answers, if they had one. An answer
-/// that brings the whole file instead goes to `take_whole`. While nothing comes `goes_on` says whether to wait on.
+/// that brings the whole file instead goes to `take_whole`. During waits `goes_on` says whether to wait on.
 ///
 /// # Errors
 /// Says why it cannot be had; if the file has changed.
