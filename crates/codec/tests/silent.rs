@@ -81,16 +81,57 @@ fn a_file_may_come_as_slowly_as_it_likes() {
     assert_eq!(server.requests(), 1);
 }
 
-#[test]
-fn a_server_that_sends_a_byte_now_and_then_is_too_slow() {
-    let server = Server::new(move |_, stream| {
+/// A server that sends some bytes at once, and then one now and then.
+fn slow_server(first: usize) -> Server {
+    Server::new(move |_, stream| {
         write!(stream, "{HEAD}content-length: 1000000\r\n\r\n")?;
+        stream.write_all(&vec![b'a'; first])?;
         loop {
             stream.write_all(b"a")?;
             std::thread::sleep(Duration::from_millis(500));
         }
-    });
+    })
+}
+
+#[test]
+fn a_server_that_sends_a_byte_now_and_then_is_too_slow() {
+    let server = slow_server(0);
     let began = Instant::now();
     let told = codec::open(&typed(&server, "a.ply")).err().unwrap().to_string();
     assert!(told.contains("silent, or too slow") && began.elapsed().as_secs() < 25, "{told}, {:?}", began.elapsed());
+}
+
+#[test]
+fn a_server_that_becomes_too_slow_is_not_excused_by_what_it_has_sent() {
+    let server = slow_server(100_000);
+    let began = Instant::now();
+    // What is missing is asked for when it is read.
+    codec::Bytes::open(&typed(&server, "a.ply")).unwrap();
+    assert!(began.elapsed().as_secs() < 25, "{:?}", began.elapsed());
+}
+
+#[test]
+fn an_answer_that_was_slow_is_not_asked_for_again_once_it_is_there() {
+    const LENGTH: u64 = (16 << 10) + 40;
+    let server = Server::new(|request, stream| {
+        let (first, last) = request.range().unwrap();
+        let (last, etag) = (last.min(LENGTH - 1), "etag: \"1\"");
+        let count = last + 1 - first;
+        let range = format!("content-range: bytes {first}-{last}/{LENGTH}");
+        write!(stream, "HTTP/1.1 206 Part\r\n{etag}\r\n{range}\r\ncontent-length: {count}\r\n\r\n")?;
+        if request.number == 1 {
+            return stream.write_all(&vec![7; count as usize]);
+        }
+        // The last byte comes when the server has been slow for too long.
+        stream.write_all(&vec![7; count as usize - 4])?;
+        for _ in 0..4 {
+            std::thread::sleep(Duration::from_millis(1600));
+            stream.write_all(&[7])?;
+        }
+        Ok(())
+    });
+    let bytes = codec::Bytes::open(&typed(&server, "a.ply")).unwrap();
+    let mut part = [0; 40];
+    assert_eq!((bytes.read_at(16 << 10, &mut part).unwrap(), part), (40, [7; 40]));
+    assert_eq!(server.requests(), 2);
 }

@@ -23,7 +23,7 @@ pub const CHANGED: &str = "the file on the server has changed since it was opene
 pub const STOPPED: &str = "stopped while it was fetched";
 /// The number of addresses that one request may be sent on to.
 const MOST_REDIRECTS: usize = 5;
-/// The rate in bytes a second that an answer needs at least once it has taken as long as some silences. As long a request waits
+/// The rate in bytes a second that an answer needs at least, in each span as long as some silences. As long a request waits
 /// at most in all where a server asks to wait, and half as long at a time.
 const LEAST_RATE: u64 = 64;
 const MOST_PATIENCE: u32 = 3;
@@ -91,7 +91,7 @@ impl Answer {
         let mut reader = self.body.as_reader();
         let mut piece = vec![0; 64 << 10];
         let mut at = self.range.start;
-        let began = Instant::now();
+        let (mut since, mut from) = (Instant::now(), at);
         while at < self.range.end {
             let wanted = piece.len().min((self.range.end - at) as usize);
             match reader.read(&mut piece[..wanted]) {
@@ -102,9 +102,12 @@ impl Answer {
                 Ok(count) => {
                     give(at, &piece[..count]).map_err(|error| Failure::Final(error.to_string()))?;
                     at += count as u64;
-                    let due = Duration::from_secs((at - self.range.start) / LEAST_RATE);
-                    if began.elapsed() > network().silence * MOST_PATIENCE + due {
-                        return Err(Failure::Silent);
+                    let span = since.elapsed();
+                    if span >= network().silence * MOST_PATIENCE {
+                        if at < self.range.end && at - from < LEAST_RATE * span.as_secs() {
+                            return Err(Failure::Silent);
+                        }
+                        (since, from) = (Instant::now(), at);
                     }
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -169,6 +172,9 @@ pub fn part(
     repeated(address, goes_on, || {
         // What came before an answer was cut is there.
         let wanted = from..range.end;
+        if wanted.is_empty() {
+            return Ok(());
+        }
         let headers = [("range", format!("bytes={}-{}", wanted.start, wanted.end - 1))];
         let (base, answer) = sent(address, &headers)?;
         let answer = checked(base, answer, Some(wanted.clone()), Some(stamp))?;
