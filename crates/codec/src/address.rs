@@ -15,7 +15,7 @@ pub fn is_address(path: &Path) -> bool {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     pub is_secure: bool,
-    /// Host and port, in lower case.
+    /// Host and port, in lower case, without the port that the scheme has anyway.
     pub authority: String,
     /// The path, which begins with a slash.
     pub path: String,
@@ -50,6 +50,10 @@ impl Address {
         if let Some(port) = port.filter(|port| !is_port(port)) {
             return Err(format!("`{}` is no port, which is a number from 1 to 65535", crate::brief::brief(port)));
         }
+        // The port of the scheme is the one without a port.
+        let usual = if is_secure { 443 } else { 80 };
+        let is_usual = port.is_some_and(|port| port.parse() == Ok(usual));
+        let authority = authority.rsplit_once(':').filter(|_| is_usual).map_or(authority, |(host, _)| host);
         let (path, query) = rest.split_at(rest.find('?').unwrap_or(rest.len()));
         let path = if path.is_empty() { "/" } else { path };
         let (path, query) = (encoded(path), encoded(query));
@@ -187,7 +191,16 @@ mod tests {
         }
         let address = Address::parse("https://Host.org:8443/a b/c.laz?key=1#part").unwrap();
         assert_eq!(address.text(), "https://host.org:8443/a%20b/c.laz?key=1");
-        assert_eq!(Address::parse("http://[::1]/a").unwrap().authority, "[::1]");
+        for (text, authority) in [
+            ("http://[::1]/a", "[::1]"),
+            ("http://[::1]:80/a", "[::1]"),
+            ("http://a:80/b", "a"),
+            ("https://a:443", "a"),
+            ("https://a:80/b", "a:80"),
+            ("http://a:443/b", "a:443"),
+        ] {
+            assert_eq!(Address::parse(text).unwrap().authority, authority, "{text}");
+        }
         for text in [
             "https://",
             "https:///path",
