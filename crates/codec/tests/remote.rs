@@ -291,6 +291,26 @@ fn a_file_that_changes_while_it_is_open_is_no_longer_read() {
 }
 
 #[test]
+fn a_file_that_has_become_shorter_has_changed() {
+    cache();
+    let files = [ply(80_000, 1.0), ply(10_000, 1.0)];
+    let server = Server::new(move |request, stream| {
+        let file = &files[usize::from(request.number > 1)];
+        match request.range() {
+            Some((first, _)) if first >= file.len() as u64 => {
+                let range = format!("content-range: bytes */{}", file.len());
+                write!(stream, "HTTP/1.1 416 No Such Range\r\n{range}\r\ncontent-length: 0\r\n\r\n")
+            }
+            _ => send_part(file, "etag: \"1\"\r\n", request, stream),
+        }
+    });
+    let path = server.path("a.ply");
+    codec::trust_address(&path);
+    let told = codec::Bytes::open(&path).unwrap().read_at(900_000, &mut [0; 100]).unwrap_err().to_string();
+    assert!(told.contains("has changed since it was opened"), "{told}");
+}
+
+#[test]
 fn a_list_of_nodes_that_cannot_be_fetched_is_no_damaged_one() {
     let Some(data) = data() else { return };
     let file = fs::read(data.join("copc/lone_star_las14_pf6.copc.laz")).unwrap();

@@ -361,6 +361,8 @@ fn checked(
             let length = length.ok_or_else(|| Failure::Final("the server does not say how long the file is".into()))?;
             (0..length, length)
         }
+        // A part of the file that was there would lie behind its end.
+        (416, _) if known.is_some() => return Err(Failure::Final(CHANGED.into())),
         (status, _) => return Err(Failure::Final(format!("the server answers with status {status}"))),
     };
     let (stamp, weak) = (stamp(headers, total), weak(headers));
