@@ -529,6 +529,23 @@ fn german_names_of_columns_are_known_in_the_texts_of_older_programs_too() {
             assert_eq!(places(&source), [DVec3::new(1.5, 2.0, 3.0)], "{line}");
         }
     }
+    // Beside x, y and z they are attributes.
+    for (line, expected) in [
+        ("X;Y;Z;Höhe", "x y z Höhe"),
+        ("x;y;z;Hoehe", "x y z Hoehe"),
+        ("X [m];Y [m];Z [m];h", "x y z h"),
+        ("Ost;Nord;x;y;z", "Ost Nord x y z"),
+        ("Ost;y;Höhe", "x y z"),
+    ] {
+        let count = line.split(';').count();
+        let source = open(format!("{line}\n{}\n", ["1,5"; 5][..count].join(";"))).unwrap().remove(0);
+        assert_eq!(names(&source), expected, "{line}");
+        // The names that a file reports are those that a person may give.
+        let given: Vec<String> = expected.split(' ').map(str::to_owned).collect();
+        assert_eq!(codec::column_names(&given).unwrap(), given);
+    }
+    assert!(error("Ost;East;y;z\n1;2;3;4\n").contains("the columns x, x, y, z have x twice"));
+    assert!(error("x;X;Ost;y;z\n1;2;3;4;5\n").contains("the columns x, x, Ost, y, z have x twice"));
     let table = unnamed(b"a;b;Gr\xf6\xdfe \x80;M\xfcll\n1;2;3;4\n").unwrap();
     assert_eq!(table.names, ["a", "blue", "Größe €", "Müll"]);
     assert!(table.by.contains("the columns a, blue, Größe €, Müll have no x"), "{}", table.by);

@@ -57,7 +57,7 @@ pub fn name_columns_of(path: &Path, names: &[String]) -> Result<(), String> {
 /// # Errors
 /// In words, if x, y or z is missing or a name is given twice.
 pub fn column_names(names: &[String]) -> Result<Vec<String>, String> {
-    let names: Vec<String> = names.iter().map(|name| meaning(name)).collect();
+    let names = meanings(names);
     let given = |name: &str| names.iter().filter(|own| *own == name).count();
     if let Some(axis) = ["x", "y", "z"].into_iter().find(|axis| given(axis) == 0) {
         return Err(format!("no column {axis}; expected x, y and z, like x,y,z,intensity,r,g,b"));
@@ -414,7 +414,7 @@ fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
     let styles = [style.separator, Some(b','), Some(b';'), Some(b'\t'), None];
     let styles = styles.map(|separator| Style { separator, has_decimal_comma: false });
     let of_style = |style: Style| {
-        let names: Vec<String> = style.tokens(text).map(|token| meaning(&decoded(token))).collect();
+        let names = meanings(&style.tokens(text).map(decoded).collect::<Vec<_>>());
         // Attributes may be called `nan` and `inf`, but a comment or a line without values may have such words, too.
         let has_no_value = names.iter().any(|name| name.parse().is_ok_and(|value: f64| !value.is_finite()));
         let is_number = |name: &String| name.parse().is_ok_and(f64::is_finite);
@@ -424,13 +424,24 @@ fn names_of(line: &[u8], style: Style, count: usize) -> Option<Vec<String>> {
     styles.into_iter().find_map(of_style)
 }
 
-/// The name that a column has here.
-fn meaning(name: &str) -> String {
-    let own = name.trim().trim_matches('"').trim();
+/// The names that columns have here. Beside a column that is called x, y or z itself, others of that meaning keep their own
+/// names.
+fn meanings(names: &[impl AsRef<str>]) -> Vec<String> {
+    let own: Vec<&str> = names.iter().map(|name| name.as_ref().trim().trim_matches('"').trim()).collect();
     // A unit stands behind a name.
-    let bare = own.split(['[', '(']).next().unwrap_or(own).trim();
-    let lower = bare.to_lowercase().replace([' ', '-'], "_");
-    let known = match lower.as_str() {
+    let bare =
+        |name: &&str| name.split(['[', '(']).next().map(|bare| bare.trim().to_lowercase().replace([' ', '-'], "_"));
+    let bare: Vec<String> = own.iter().map(|name| bare(name).unwrap_or_default()).collect();
+    let is_further =
+        |name: &str, known: &str| is_place(known) && name != known && bare.iter().any(|name| name == known);
+    let name =
+        |(own, bare): (&str, &String)| meaning(bare).filter(|known| !is_further(bare, known)).unwrap_or(own).to_owned();
+    std::iter::zip(own, &bare).map(name).collect()
+}
+
+/// What a name in lower case without a unit stands for, if it is not of an attribute.
+fn meaning(name: &str) -> Option<&'static str> {
+    Some(match name {
         "x" | "easting" | "east" | "e" | "coord_x" | "x_coord" | "x_coordinate" | "point_x" => "x",
         "y" | "northing" | "north" | "n" | "coord_y" | "y_coord" | "y_coordinate" | "point_y" => "y",
         "z" | "height" | "elevation" | "h" | "coord_z" | "z_coord" | "z_coordinate" | "point_z" | "altitude" => "z",
@@ -446,9 +457,8 @@ fn meaning(name: &str) -> String {
         "ny" | "normal_y" | "normaly" => "ny",
         "nz" | "normal_z" | "normalz" => "nz",
         SKIP | "_" => SKIP,
-        _ => return own.to_owned(),
-    };
-    known.to_owned()
+        _ => return None,
+    })
 }
 
 fn check_names(names: &[String]) -> Result<(), String> {
