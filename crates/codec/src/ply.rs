@@ -160,6 +160,8 @@ impl RowSource {
             // The read reports which points are missing.
             info.warnings.push(format!("some points cannot be read: {error}"));
         }
+        // The numbers of a sample's rows are not known.
+        drop(maker.doubt());
         let attribute = |scalar: &Scalar| Attribute { name: scalar.name.clone(), column_type: scalar.scalar };
         info.points = rows.count;
         info.properties = scalars.iter().map(attribute).collect();
@@ -310,10 +312,10 @@ impl RowSource {
     }
 
     /// What a damaged row is, as the end of a sentence about points.
-    fn damage(&self) -> &'static str {
+    fn damage(&self) -> String {
         let of_text = "have text that is not a number, or too few numbers; NaN or 0 stands for it, and points without a \
                        place are left out";
-        self.maker.as_ref().map_or(of_text, |maker| maker.damage())
+        self.maker.as_ref().map_or_else(|| of_text.to_owned(), |maker| maker.damage().to_owned() + &maker.doubt())
     }
 
     pub fn triangles(&self) -> Result<Vec<[u32; 3]>> {

@@ -488,33 +488,46 @@ fn a_point_beside_a_comma_is_never_taken_for_decimals_where_it_may_set_thousands
 }
 
 #[test]
-fn a_number_that_may_have_thousands_in_the_middle_of_a_table_is_told_and_not_read() {
-    // Blank lines and comments are lines, too.
-    let lines = |line: &str, count: usize| "x;y;z\n\n# a comment\n".to_owned() + &line.repeat(count);
+fn a_number_that_may_have_thousands_in_the_middle_of_a_table_is_missing_and_told() {
+    // Blank lines and comments are no lines of points.
+    let lines = |line: &str, count: usize| "x;y;z;a\n\n# a comment\n".to_owned() + &line.repeat(count);
     let cases = [
-        ("512,25;843,5;336,563\n", "8.780;843,5;336,563\n", "`8.780` has a point", "`512,25`"),
-        ("8,512;8,843;336\n", "8,780;8,843;336.5\n", "`336.5` has a point", "`8,512`"),
+        ("512,25;843,5;336,563;0,5\n", "8.780;843,5;336,563;0,5\n", "`8.780`", "`512,25`", 0),
+        ("8,512;8,843;336;7,125\n", "8,780;8,843;336.5;7,125\n", "`336.5`", "`8,512`", 2),
+        ("512,25;843,5;336,563;0,5\n", "512,25;843,5;336,563;1.001\n", "`1.001`", "`512,25`", 3),
     ];
-    let selection = codec::Selection { positions: true, colors: false, normals: false, attributes: Vec::new() };
-    for (before, odd, number, example) in cases {
-        // Of a long table the other blocks of lines are read.
-        for count in [600, 200_000] {
-            let source = open(lines(before, count) + odd).unwrap().remove(0);
-            let highest = std::sync::Mutex::new(f64::MIN);
-            let read = source.read(&selection, &cloud::Progress::default(), &|chunk| {
-                let mut highest = highest.lock().unwrap();
-                *highest = (0..chunk.len()).map(|at| chunk.position(at).x).fold(*highest, f64::max);
-            });
-            let told = read.map_or_else(|error| error.to_string(), |summary| summary.warnings.concat());
-            let expected = format!("line {}: {number}, but numbers before it have a comma, like {example}", count + 4);
-            assert!(told.contains(&expected), "{count}: {told}");
-            assert!(count == 600 || *highest.lock().unwrap() > 0.0);
+    for (before, odd, number, example, column) in cases {
+        // At the end of a short and a long table, and in each block of one.
+        for (count, times) in [(600, 1), (200_000, 1), (1_000, 200)] {
+            let text = lines(before, count) + &(odd.to_owned() + &before.repeat(1_000)).repeat(times);
+            let source = open(text).unwrap().remove(0);
+            let all = count + 1_001 * times;
+            assert_eq!((source.info().points, source.info().warnings.len()), (all as u64, 0));
+            let (chunks, summary) = read(&source);
+            let told = summary.warnings.concat();
+            assert!(told.starts_with(&format!("{times} of {all} points have text that is not a number")), "{told}");
+            let expected = format!(
+                "and points without a place are left out; {number} in line {} of the points is taken for no number, since it \
+                 has a point, and numbers before it a comma, like {example}; write numbers without separators",
+                count + 1
+            );
+            assert!(told.contains(&expected), "{told}");
+            let places = scans::places(&chunks);
+            let first = places[0];
+            for (at, place) in places.iter().enumerate() {
+                let is_odd = at >= count && (at - count) % 1_001 == 0;
+                assert!(if is_odd && column < 3 { !place.is_finite() } else { (*place - first).length() < 1e-3 });
+            }
+            let missing = scans::values(&source, &chunks, "a").iter().filter(|value| value.is_nan()).count();
+            assert_eq!(missing, if column == 3 { times } else { 0 });
         }
     }
     // Points that can only stand before decimals are read.
-    let text = lines("512,25;843,5;336,563\n", 600) + "0.780;843.5;1336.563\n";
-    let last = places(&open(text).unwrap().remove(0))[600];
+    let text = lines("512,25;843,5;336,563;0,5\n", 600) + "0.780;843.5;1336.563;1.5E-5\n";
+    let source = open(text).unwrap().remove(0);
+    let last = places(&source)[600];
     assert!((last - DVec3::new(0.78, 843.5, 1336.563)).length() < 1e-6, "{last}");
+    assert!(values(&source, "a")[600] == 1.5e-5 && read(&source).1.warnings.is_empty());
 }
 
 #[test]

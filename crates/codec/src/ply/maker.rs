@@ -24,6 +24,11 @@ pub trait RowMaker: Send + Sync {
          out"
     }
 
+    /// What else there is to say of damaged rows that were made since this was last asked, as the rest of that sentence.
+    fn doubt(&self) -> String {
+        String::new()
+    }
+
     /// Makes the first `block.rows` rows of a block, with the properties that `keep` names, packed little-endian, and passes
     /// them to `give` in pieces. Returns how many rows there were, and how many of them were damaged.
     ///

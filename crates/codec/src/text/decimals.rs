@@ -62,10 +62,13 @@ impl Commas {
         number.contains(&b'.') && (!self.are_decimal || may_be_of_thousands(number, b'.'))
     }
 
-    /// What is wrong with such a number, in words.
-    pub fn problem(&self, number: &[u8]) -> String {
-        let (number, example) = (brief(&decoded(number)), &self.example);
-        format!("`{number}` has a point, but numbers before it have a comma, like `{example}`; {REMEDY}")
+    /// What is wrong with such a number of a row, in words.
+    pub fn problem(&self, number: &[u8], row: u64) -> String {
+        let (number, line, example) = (brief(&decoded(number)), row + 1, &self.example);
+        format!(
+            "`{number}` in line {line} of the points is taken for no number, since it has a point, and numbers before it a \
+             comma, like `{example}`; {REMEDY}"
+        )
     }
 }
 

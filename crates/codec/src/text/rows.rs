@@ -1,6 +1,7 @@
 //! Makes rows of the lines of a text.
 
 use std::io;
+use std::sync::{Mutex, PoisonError};
 
 use cloud::ColumnType;
 use glam::{DAffine3, DVec3};
@@ -36,9 +37,14 @@ pub struct TextRows {
     cells: Option<Cells>,
     /// What numbers with points may contradict.
     commas: Option<Commas>,
+    /// The first row with such a number of those that were made since `doubt` was asked, and what is wrong with that.
+    doubt: Mutex<Option<Doubt>>,
     /// The types of properties that are whole numbers of 64 bits, which a double does not hold.
     long: Vec<Option<ColumnType>>,
 }
+
+/// A row with a number of which it cannot be told which sign stands before decimals, and that in words.
+type Doubt = (u64, String);
 
 /// The bits of a whole number of 64, and whether its text is one.
 fn long_number(token: &[u8], value: f64, column_type: ColumnType) -> (u64, bool) {
@@ -93,21 +99,19 @@ impl TextRows {
         });
         let long = long.collect();
         let element = Element { name: "points".into(), count: 0, properties };
-        Self { element, style, columns, newline, has_comments, cells, commas, long }
+        Self { element, style, columns, newline, has_comments, cells, commas, doubt: Mutex::default(), long }
     }
 
     /// The values of a line, NaN for those that are missing, and the bits of those that are whole numbers of 64. Returns
-    /// whether all that are `wanted` are there.
-    ///
-    /// # Errors
-    /// In words, if it cannot be told which sign of a number stands before decimals.
+    /// whether all that are `wanted` are there; those in doubt are missing.
     fn values(
         &self,
         line: &[u8],
         number: u64,
         wanted: &[bool],
         (values, long): (&mut [f64], &mut [u64]),
-    ) -> Result<bool, String> {
+        doubt: &mut Option<Doubt>,
+    ) -> bool {
         values.fill(f64::NAN);
         long.fill(0);
         let mut is_whole = true;
@@ -115,12 +119,13 @@ impl TextRows {
         for (column, token) in std::iter::zip(&self.columns, self.style.tokens(line)) {
             found += 1;
             if let Some(property) = column.filter(|property| wanted[*property]) {
-                let value = self.style.number(token);
-                is_whole &= value.is_some();
+                let mut value = self.style.number(token);
                 if let Some(commas) = self.commas.as_ref().filter(|commas| value.is_some() && commas.contradict(token))
                 {
-                    return Err(commas.problem(token));
+                    value = None;
+                    doubt.get_or_insert_with(|| (number, commas.problem(token, number)));
                 }
+                is_whole &= value.is_some();
                 values[property] = value.unwrap_or(f64::NAN);
                 is_whole &= match self.long[property] {
                     Some(column_type) => {
@@ -143,19 +148,7 @@ impl TextRows {
             values[count - 2] = (number % cells.rows.max(1)) as f64;
             values[count - 1] = (number / cells.rows.max(1)) as f64;
         }
-        Ok(is_whole)
-    }
-}
-
-/// What is wrong with a line, with its number: before it are `lines` of those behind an offset.
-fn problem_of_line(file: &Bytes, newline: u8, (offset, lines): (u64, u64), problem: &str) -> io::Result<io::Error> {
-    let (mut before, mut number) = (Reader::new(file, 0, offset), lines + 1);
-    loop {
-        let run = before.lines(newline)?;
-        if run.is_empty() {
-            return Ok(io::Error::new(io::ErrorKind::InvalidData, format!("line {number}: {problem}")));
-        }
-        number += run.iter().filter(|byte| **byte == newline).count() as u64;
+        is_whole
     }
 }
 
@@ -175,6 +168,11 @@ impl RowMaker for TextRows {
         }
     }
 
+    fn doubt(&self) -> String {
+        let doubt = self.doubt.lock().unwrap_or_else(PoisonError::into_inner).take();
+        doubt.map_or_else(String::new, |(_, problem)| format!("; {problem}"))
+    }
+
     fn make(&self, file: &Bytes, block: Block, keep: &[bool], give: &mut dyn FnMut(&[u8])) -> io::Result<(u64, u64)> {
         let kept: Vec<(usize, ColumnType)> = std::iter::zip(0.., &self.element.properties)
             .filter(|(index, _)| keep[*index])
@@ -191,16 +189,14 @@ impl RowMaker for TextRows {
         let mut values = vec![f64::NAN; self.element.properties.len()];
         let mut long = vec![0; values.len()];
         let mut reader = Reader::new(file, block.offset, block.end);
-        let (mut rows, mut damaged, mut ends) = (0, 0, 0);
+        let (mut rows, mut damaged, mut doubt) = (0, 0, None);
         let mut packed: Vec<u8> = Vec::new();
         while rows < block.rows {
             let run = reader.lines(self.newline)?;
             if run.is_empty() {
                 break;
             }
-            let lines = std::iter::zip(ends.., run.split(|byte| *byte == self.newline));
-            for (before, line) in lines {
-                ends = before;
+            for line in run.split(|byte| *byte == self.newline) {
                 if !has_content(line, self.has_comments) {
                     continue;
                 }
@@ -208,12 +204,8 @@ impl RowMaker for TextRows {
                     break;
                 }
                 let row = block.first_row + rows;
-                match self.values(line, row, &wanted, (&mut values, &mut long)) {
-                    Ok(is_whole) => damaged += u64::from(!is_whole),
-                    Err(problem) => {
-                        return Err(problem_of_line(file, self.newline, (block.offset, before), &problem)?);
-                    }
-                }
+                let is_whole = self.values(line, row, &wanted, (&mut values, &mut long), &mut doubt);
+                damaged += u64::from(!is_whole);
                 rows += 1;
                 for (index, column_type) in &kept {
                     let (at, value) = (packed.len(), values[*index]);
@@ -232,6 +224,10 @@ impl RowMaker for TextRows {
         }
         if !packed.is_empty() {
             give(&packed);
+        }
+        if doubt.is_some() {
+            let mut first = self.doubt.lock().unwrap_or_else(PoisonError::into_inner);
+            *first = first.take().into_iter().chain(doubt).min();
         }
         Ok((rows, damaged))
     }

@@ -34,6 +34,9 @@ pub fn places(chunks: &[Chunk]) -> Vec<DVec3> {
 pub fn values(source: &Source, chunks: &[Chunk], name: &str) -> Vec<f64> {
     let place = source.info().attributes.iter().position(|attribute| attribute.name == name);
     let place = place.unwrap_or_else(|| panic!("{name} is not among {:?}", source.info().attributes));
-    let column = |chunk: &Chunk| chunk.columns[place].clone().unwrap();
-    chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| column(chunk).value(at)).collect::<Vec<_>>()).collect()
+    let of_chunk = |chunk: &Chunk| -> Vec<f64> {
+        let column = chunk.columns[place].as_ref().unwrap();
+        (0..chunk.len()).map(|at| column.value(at)).collect()
+    };
+    chunks.iter().flat_map(of_chunk).collect()
 }
