@@ -95,7 +95,7 @@ pub fn open(file: &Arc<Bytes>) -> Option<Result<Vec<RowSource>>> {
         let rows = rows.map_err(|error| Error::io(path, error))?;
         let mut info = Info::of_rows(path, Format::Xyz, table.names());
         info.warnings.extend(table.warnings.clone());
-        let maker = TextRows::new(table.style, &table.columns, newline, table.has_comments, None, table.commas);
+        let maker = TextRows::new(table.style, &table.columns, newline, table.has_comments, None, table.sign);
         let maker = Box::new(maker);
         let made = Made { maker, rows, is_text: true, newline, color_scale: None, info };
         Ok(vec![RowSource::made(file.clone(), made)?])

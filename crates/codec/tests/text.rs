@@ -412,6 +412,12 @@ fn tables_whose_columns_no_line_names_are_found_with_a_guess_and_its_reason() {
         assert!(table.by.contains(by), "{names}: {}", table.by);
         assert!(table.lines.len() <= 8 && table.lines.iter().all(|line| line.len() == table.names.len()));
     }
+    // What a line names, but coordinates that contradict each other, and names that are guessed for such.
+    let refused = unnamed("X;Y;Z;Ost;Nord\n8.780;8.843;336,563;8780,5;8843,5\n").unwrap();
+    assert_eq!(refused.names, ["x", "y", "z", "Ost", "Nord"]);
+    assert!(refused.by.starts_with("`8.780` in line 2 has a point, `336,563` in line 2 a comma"), "{}", refused.by);
+    let refused = unnamed("1.001 8780,171 8843,482 336,563\n1.002 8780,172 8843,482 336,563\n").unwrap();
+    assert!(refused.by.starts_with("`1.001` in line 1 has a point, `8780,171` in line 1 a comma"), "{}", refused.by);
     assert_eq!(unnamed("1;2;3;0,5\n4;5;6;0,25\n").unwrap().lines, [["1", "2", "3", "0,5"], ["4", "5", "6", "0,25"]]);
     let certain = [
         "x y z\n1 2 3\n",
@@ -467,7 +473,7 @@ fn a_point_beside_a_comma_is_never_taken_for_decimals_where_it_may_set_thousands
     for (text, told) in refused {
         let error = error(text);
         let end = "a comma, and one of them may set thousands apart; write numbers without separators of thousands, or \
-                   leave a column out: --columns skip,x,y,z";
+                   leave out a column that is no coordinate: --columns skip,x,y,z";
         assert!(error.contains(told) && error.ends_with(end), "{text}: {error}");
     }
     // Times of another program may have points beside coordinates with commas, and dates and texts are no numbers.
@@ -475,6 +481,35 @@ fn a_point_beside_a_comma_is_never_taken_for_decimals_where_it_may_set_thousands
     assert_eq!((places(&times)[0].z, values(&times, "time")[0]), (336.563, 1_600_000_001.25));
     let told = "`1600000001.25` in line 2 has a point, `8780,171` in line 2 a comma; both are taken for decimals";
     assert_eq!(times.info().warnings, [told]);
+    // Where coordinates agree with each other, an attribute that may have thousands is a doubt and no more.
+    for (text, place, (name, value), told) in [
+        (
+            "Punkt;X;Y;Z\n1.001;8780,171;8843,482;336,563\n",
+            [8780.171, 8843.482, 336.563],
+            ("Punkt", 1.001),
+            "`1.001` in line 2 has a point, `8780,171`",
+        ),
+        (
+            "id\tx\ty\tz\n1,000\t8780.5\t8843.25\t336.5\n",
+            [8780.5, 8843.25, 336.5],
+            ("id", 1.0),
+            "`8780.5` in line 2 has a point, `1,000`",
+        ),
+        (
+            "x;y;z;t\n512,250;843,500;336,563;1.5E-5\n",
+            [512.25, 843.5, 336.563],
+            ("t", 1.5e-5),
+            "`1.5E-5` in line 2 has a point, `512,250`",
+        ),
+    ] {
+        let source = open(text).unwrap().remove(0);
+        assert_eq!((places(&source)[0], values(&source, name)[0]), (DVec3::from(place), value), "{text}");
+        let doubt =
+            " in line 2 a comma; both are taken for decimals, but one of them may set thousands apart; write numbers";
+        let warnings = &source.info().warnings;
+        assert!(warnings.len() == 1 && warnings[0].starts_with(&format!("{told}{doubt}")), "{text}: {warnings:?}");
+        assert_eq!(unnamed(text), None, "{text}");
+    }
     for text in [
         "Datum;X;Y;Z\n30.11.2026;8780,171;8843,482;336,563\n",
         "skip;X;Y;Z\n8.780;8780,171;8843,482;336,563\n",
@@ -521,6 +556,27 @@ fn a_number_that_may_have_thousands_in_the_middle_of_a_table_is_missing_and_told
             let missing = scans::values(&source, &chunks, "a").iter().filter(|value| value.is_nan()).count();
             assert_eq!(missing, if column == 3 { times } else { 0 });
         }
+    }
+    // Attributes may go on as they began, and coordinates may not begin to differ from each other.
+    for (line, odd, told) in [
+        (
+            "8780,5;843,5;336,563;1.001\n",
+            "8.780;843,5;336,563;1.002\n",
+            "a point, and numbers before it a comma, like `8780,5`",
+        ),
+        (
+            "8780.5;843.5;336.563;1,001\n",
+            "8,780;843.5;336.563;1,002\n",
+            "a comma, and numbers before it a point, like `8780.5`",
+        ),
+    ] {
+        let source = open(lines(line, 600) + odd + line).unwrap().remove(0);
+        assert!(source.info().warnings.concat().contains("both are taken for decimals, but one of them"));
+        let (chunks, summary) = read(&source);
+        let told = [format!("`{}` in line 601 of the points", &odd[..5]), told.to_owned()];
+        assert!(told.iter().all(|told| summary.warnings.concat().contains(told)), "{summary:?}");
+        let missing = scans::places(&chunks).iter().filter(|place| !place.is_finite()).count();
+        assert_eq!((missing, scans::values(&source, &chunks, "a")[600]), (1, 1.002));
     }
     // Points that can only stand before decimals are read.
     let text = lines("512,25;843,5;336,563;0,5\n", 600) + "0.780;843.5;1336.563;1.5E-5\n";

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use cloud::ColumnType;
 use glam::{DAffine3, DVec3};
 
-use super::decimals::Commas;
+use super::decimals::Sign;
 use super::table::Style;
 use crate::bytes::Bytes;
 use crate::ply::header::{Element, Kind, Property};
@@ -35,8 +35,10 @@ pub struct TextRows {
     newline: u8,
     has_comments: bool,
     cells: Option<Cells>,
-    /// What numbers with points may contradict.
-    commas: Option<Commas>,
+    /// The sign before decimals, which numbers with the other one may contradict.
+    sign: Option<Sign>,
+    /// The properties whose numbers must agree with it.
+    agree: Vec<bool>,
     /// The first row with such a number of those that were made since `doubt` was asked, and what is wrong with that.
     doubt: Mutex<Option<Doubt>>,
     /// The types of properties that are whole numbers of 64 bits, which a double does not hold.
@@ -80,7 +82,7 @@ impl TextRows {
         newline: u8,
         has_comments: bool,
         cells: Option<Cells>,
-        commas: Option<Commas>,
+        sign: Option<Sign>,
     ) -> Self {
         let property = |(name, column_type): &(String, ColumnType)| Property {
             name: name.clone(),
@@ -98,8 +100,10 @@ impl TextRows {
             _ => None,
         });
         let long = long.collect();
+        let agree = properties.iter().map(|property| sign.as_ref().is_some_and(|sign| sign.is_of(&property.name)));
+        let agree = agree.collect();
         let element = Element { name: "points".into(), count: 0, properties };
-        Self { element, style, columns, newline, has_comments, cells, commas, doubt: Mutex::default(), long }
+        Self { element, style, columns, newline, has_comments, cells, sign, agree, doubt: Mutex::default(), long }
     }
 
     /// The values of a line, NaN for those that are missing, and the bits of those that are whole numbers of 64. Returns
@@ -120,10 +124,11 @@ impl TextRows {
             found += 1;
             if let Some(property) = column.filter(|property| wanted[*property]) {
                 let mut value = self.style.number(token);
-                if let Some(commas) = self.commas.as_ref().filter(|commas| value.is_some() && commas.contradict(token))
+                if let Some(sign) = self.sign.as_ref().filter(|_| value.is_some() && self.agree[property])
+                    && sign.is_contradicted(token)
                 {
                     value = None;
-                    doubt.get_or_insert_with(|| (number, commas.problem(token, number)));
+                    doubt.get_or_insert_with(|| (number, sign.problem(token, number)));
                 }
                 is_whole &= value.is_some();
                 values[property] = value.unwrap_or(f64::NAN);

@@ -8,7 +8,7 @@ use std::sync::{PoisonError, RwLock};
 
 use cloud::ColumnType;
 
-use super::decimals::{Commas, Signs, signs};
+use super::decimals::{Sign, signs};
 use crate::brief::brief;
 use crate::export::names::tell_apart;
 use crate::ply::number;
@@ -189,7 +189,7 @@ pub struct Table {
     /// Whether lines that look like comments are none of its rows.
     pub has_comments: bool,
     /// What numbers behind the first lines must agree with.
-    pub commas: Option<Commas>,
+    pub sign: Option<Sign>,
     /// A doubt about what columns mean, and what is lost of their numbers.
     pub warnings: Vec<String>,
 }
@@ -250,11 +250,10 @@ impl Table {
                 (names, if is_sure { Vec::new() } else { vec![warning] })
             }
         };
-        let commas = match signs(&head.numbers, head.style, &names, (start, newline)) {
-            Ok(Signs::Clear(commas)) => commas,
-            Ok(Signs::Both(told)) => {
-                warnings.push(told);
-                None
+        let sign = match signs(&head.numbers, head.style, &names, (start, newline)) {
+            Ok((sign, doubt)) => {
+                warnings.extend(doubt);
+                sign
             }
             Err(problem) => return Some(Err(problem)),
         };
@@ -274,7 +273,7 @@ impl Table {
         };
         let columns = std::iter::zip(&names, &head.samples).map(column).collect();
         let (start, has_comments) = (head.start as u64, head.has_comments);
-        Some(Ok(Self { style: head.style, columns, start, has_comments, commas, warnings }))
+        Some(Ok(Self { style: head.style, columns, start, has_comments, sign, warnings }))
     }
 
     /// The names of its columns, as `--columns` gives them.
@@ -286,7 +285,7 @@ impl Table {
 }
 
 impl UnnamedTable {
-    /// The table of a file that begins so; `None` if it is none, or a line names its columns.
+    /// The table of a file that begins so; `None` if it is none, or a line names its columns and they can be read.
     pub fn of(start: &[u8], newline: u8) -> Option<Self> {
         let head = Head::of(start, newline, true)?;
         // Lines with texts among their numbers are a table only where all have the same columns.
@@ -299,13 +298,14 @@ impl UnnamedTable {
         let texts = std::iter::zip(&mut taken, &head.samples).filter(|(_, values)| are_texts(values));
         texts.for_each(|(name, _)| SKIP.clone_into(name));
         let left_out = if head.samples.iter().any(are_texts) { "; texts are left out" } else { "" };
+        let doubt = |names: &[String]| signs(&head.numbers, head.style, names, (start, newline)).err();
         let (names, by) = match head.names {
-            Names::Line(names) => match check_names(&names) {
-                Ok(()) => return None,
-                Err(problem) => (names, problem),
-            },
+            Names::Line(names) => {
+                let problem = check_names(&names).err().or_else(|| doubt(&names))?;
+                (names, problem)
+            }
             Names::Nothing(problem) => {
-                let problem = problem.unwrap_or_else(|| "No line names the columns".into());
+                let problem = problem.or_else(|| doubt(&taken)).unwrap_or_else(|| "No line names the columns".into());
                 (taken, format!("{problem}. Taken for {by}{left_out}"))
             }
         };
@@ -597,7 +597,7 @@ fn is_word(value: f64) -> bool {
     value.fract() == 0.0 && (0.0..=65_535.0).contains(&value)
 }
 
-fn is_place(name: &str) -> bool {
+pub fn is_place(name: &str) -> bool {
     matches!(name, "x" | "y" | "z")
 }
 
