@@ -419,9 +419,9 @@ pub enum Action {
 
     // ---- picking ----
     Pick,
-    /// Undoes the pick by the first click of a double-click, which was meant for something else.
     /// A pick in the middle of the picture, wherever the cursor is.
     PickMiddle,
+    /// Undoes the pick by the first click of a double-click, which was meant for something else.
     UndoPick,
     CopyPick,
     ClearPick,
