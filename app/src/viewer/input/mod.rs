@@ -63,7 +63,7 @@ pub fn is_by_keyboard(ui: &Ui) -> bool {
     ui.data(|data| data.get_temp(last_input())).unwrap_or(false)
 }
 
-/// Whether the widget that has the keyboard is a slider: of those that can have it, only these are dragged and not clicked.
+/// Whether the widget that has the keyboard is a slider: of those that can have it, only sliders are dragged and not clicked.
 fn is_on_slider(ui: &Ui) -> bool {
     let focused = ui.memory(|memory| memory.focused()).and_then(|id| ui.ctx().read_response(id));
     focused.is_some_and(|response| response.sense.senses_drag() && !response.sense.senses_click())

@@ -312,12 +312,13 @@ fn paths([mirrors, all]: [u32; 2], wanted: u32) -> String {
 }
 
 /// Lets the user drag the split's line, which gives the action of its new position. Returns the rectangle to its right.
+/// The keyboard never comes to the line, as no key moves it.
 pub fn split(ui: &Ui, rect: Rect, mut share: f32, moved: fn(f32) -> Action, actions: &mut Vec<Action>) -> Rect {
     let line = |share: f32| egui::lerp(rect.x_range(), share);
     let x = line(share);
     let grip = Rect::from_x_y_ranges(x - GRIP..=x + GRIP, rect.y_range());
     let id = ui.scope_id().with(("split", moved(0.0) == Action::SplitTruth(0.0)));
-    let response = ui.interact(grip, id, Sense::drag());
+    let response = ui.interact(grip, id, Sense::DRAG);
     if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.dragged()) {
         // The line stays where it can be grabbed again.
         share = ((pointer.x - rect.left()) / rect.width().max(1.0)).clamp(0.01, 0.99);
@@ -517,5 +518,16 @@ mod tests {
             harness.run();
             assert_eq!(harness.state().truth.split, expected, "from {from} to {to}");
         }
+    }
+
+    #[test]
+    fn the_keyboard_never_comes_to_the_line_of_a_split() {
+        let mut harness = Harness::new_ui(|ui| {
+            let rect = ui.available_rect_before_wrap();
+            split(ui, rect, 0.5, Action::SplitTruth, &mut Vec::new());
+        });
+        harness.key_press(egui::Key::Tab);
+        harness.run_ok();
+        assert_eq!(harness.ctx.memory(|memory| memory.focused()), None);
     }
 }
