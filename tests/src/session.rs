@@ -90,18 +90,21 @@ impl Session {
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// What is on the screen.
+    /// What is on the screen, unless that changes all the time.
     fn screen(&self) -> Option<RgbaImage> {
+        const MOST_READS: usize = 20;
         let read = || std::fs::read(self.folder.path("Xvfb_screen0")).ok();
         let mut file = read()?;
-        // A file that is read while the server draws may hold half of a picture.
-        loop {
+        // A file that is read while the server draws may hold half of a picture. The server answers once it has drawn that.
+        for _ in 0..MOST_READS {
+            self.xdotool(&["getmouselocation"])?;
             let again = read()?;
             if again == file {
                 return picture_of(&file);
             }
             file = again;
         }
+        None
     }
 
     /// What is on the screen where a window is, which is given by its number.
@@ -123,17 +126,18 @@ fn picture_of(file: &[u8]) -> Option<RgbaImage> {
         let bytes = file.get(4 * index..)?.first_chunk()?;
         usize::try_from(u32::from_be_bytes(*bytes)).ok()
     };
-    let (header, colors, row) = (number(0)?, number(19)?, number(12)?);
+    let (header, colors, row) = (number(0)?, number(19)?, number(12).filter(|row| *row > 0)?);
     let (width, height) = (number(4)?, number(5)?);
     // Pixels of 32 bits whose first byte is the lowest, and the place of red in them.
-    let is_known = [number(7)?, number(11)?, number(14)?] == [0, 32, 0xff_0000];
+    let format = [number(7)?, number(11)?, number(14)?];
+    assert_eq!(format, [0, 32, 0xff_0000], "the bytes of the screen's file have another order");
     let rows = file.get(header + 12 * colors..)?.chunks_exact(row).take(height);
     let mut rgba = rows.map(|row| row.get(..4 * width)).collect::<Option<Vec<_>>>()?.concat();
     for pixel in rgba.as_chunks_mut::<4>().0 {
         pixel.swap(0, 2);
         pixel[3] = 255;
     }
-    is_known.then(|| RgbaImage::from_raw(width as u32, height as u32, rgba))?
+    RgbaImage::from_raw(width as u32, height as u32, rgba)
 }
 
 impl Drop for Session {
