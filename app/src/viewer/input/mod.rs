@@ -40,7 +40,8 @@ pub fn before_widgets(ui: &Ui, session: &Session) -> bool {
     });
     ui.data_mut(|data| data.insert_temp(last_input(), is_by_key));
     begin_number(ui);
-    let is_free = !has_dialog(session) && session.path_prompt.is_none() && !session.document.asks();
+    let is_free =
+        !has_dialog(session) && session.path_prompt.is_none() && session.unnamed.is_empty() && !session.document.asks();
     let asks = |event: &mut Event| pressed(event, session) == Some(Action::TogglePalette);
     is_free && ui.ctx().text_edit_focused() && ui.input_mut(|input| input.events.extract_if(.., asks).count()) > 0
 }

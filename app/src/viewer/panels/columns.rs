@@ -19,7 +19,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
         .collapsible(false)
         .resizable(false)
         .anchor(egui::Align2::CENTER_TOP, [0.0, 80.0])
-        .show(context, |ui| answer = contents(ui, &mut draft));
+        .show(context, |ui| answer = contents(ui, &mut draft, session.palette.is_none()));
     if draft != *before {
         actions.push(Action::Name(Naming::Change(Box::new(draft))));
     }
@@ -27,7 +27,8 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     actions.extend(answer.map(Action::Name));
 }
 
-fn contents(ui: &mut Ui, draft: &mut ColumnsDraft) -> Option<Naming> {
+/// `takes_esc` says that no dialog over the window does.
+fn contents(ui: &mut Ui, draft: &mut ColumnsDraft, takes_esc: bool) -> Option<Naming> {
     ui.set_width(560.0);
     ui.label(format!("{}.", draft.table.by));
     egui::ScrollArea::horizontal().show(ui, |ui| table(ui, draft));
@@ -42,7 +43,8 @@ fn contents(ui: &mut Ui, draft: &mut ColumnsDraft) -> Option<Naming> {
     ui.horizontal(|ui| {
         let opens =
             ui.add_enabled(names.is_ok(), egui::Button::new(text!("Open"))).clicked() || entered && names.is_ok();
-        let is_cancelled = ui.button(text!("Cancel")).clicked() || ui.input(|input| input.key_pressed(Key::Escape));
+        let is_esc = takes_esc && ui.input(|input| input.key_pressed(Key::Escape));
+        let is_cancelled = ui.button(text!("Cancel")).clicked() || is_esc;
         match (is_cancelled, opens) {
             (true, _) => Some(Naming::Cancel(draft.path.clone())),
             (false, opens) => opens.then_some(Naming::Open),
@@ -275,5 +277,24 @@ mod tests {
         harness.key_press(Key::Escape);
         harness.run_ok();
         assert_eq!(harness.state().unnamed.iter().map(|draft| draft.path.clone()).collect::<Vec<_>>(), paths[1..]);
+    }
+
+    #[test]
+    fn the_palette_costs_no_names_that_are_typed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), "a.xyz", UNNAMED);
+        let mut harness = harness();
+        open(&mut harness, &[path]);
+        harness.get_by_label("--columns").focus();
+        harness.run_ok();
+        harness.key_press_modifiers(egui::Modifiers::COMMAND, Key::K);
+        harness.run_ok();
+        assert!(harness.state().palette.is_none(), "the field of the names keeps the keyboard");
+        harness.state_mut().act(Action::TogglePalette);
+        harness.run_ok();
+        harness.key_press(Key::Escape);
+        harness.run_ok();
+        assert!(harness.state().palette.is_none());
+        assert_eq!(harness.state().unnamed.len(), 1, "Esc has closed the palette only");
     }
 }
