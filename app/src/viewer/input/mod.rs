@@ -84,6 +84,9 @@ fn begin_number(ui: &Ui) {
         return;
     };
     let typed: Vec<Event> = ui.input_mut(|input| {
+        // The key comes right before its text, and is no shortcut, with Shift neither: some keyboards need that for digits.
+        let is_key = |event: &Event| matches!(event, Event::Key { pressed: true, .. });
+        let first = first - usize::from(input.events[..first].last().is_some_and(is_key));
         input.events.extract_if(first.., |event| matches!(event, Event::Text(_) | Event::Key { .. })).collect()
     });
     ui.memory_mut(|memory| memory.move_focus(egui::FocusDirection::Next));
@@ -188,13 +191,9 @@ fn shortcut_keys() -> egui::Id {
 }
 
 /// Whether a key belongs to the widget that has the keyboard: it presses the widget, moves its value, or goes to
-/// another one, or begins the number of a slider.
-fn is_of_widget(ui: &Ui, key: egui::Key, modifiers: egui::Modifiers) -> bool {
+/// another one.
+fn is_of_widget(ui: &Ui, key: egui::Key) -> bool {
     use egui::Key;
-    let is_of_number = digit(key).is_some() || matches!(key, Key::Minus | Key::Period | Key::Comma);
-    if is_of_number && modifiers.is_none() && is_on_slider(ui) {
-        return true;
-    }
     let has_focus = ui.memory(|memory| memory.focused().is_some());
     let is_taken =
         matches!(key, Key::Enter | Key::Space | Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown);
@@ -264,7 +263,7 @@ fn keys(
     for event in events.iter().cloned() {
         let command = |key| Trigger::Key(egui::Modifiers::COMMAND.into(), key);
         match event {
-            Event::Key { key, pressed: true, modifiers, .. } if is_of_widget(ui, key, modifiers) => {}
+            Event::Key { key, pressed: true, .. } if is_of_widget(ui, key) => {}
             Event::Key { key: egui::Key::Escape, pressed: true, .. } if was_typing => {}
             Event::Key { key, physical_key, pressed: true, repeat, modifiers } => {
                 let mode = session.scene.mode;
@@ -335,7 +334,7 @@ fn held(ui: &Ui, session: &Session, shortcuts: &HashSet<egui::Key>, actions: &mu
             _ => {}
         }
     }
-    if is_of_widget(ui, egui::Key::ArrowLeft, egui::Modifiers::NONE) {
+    if is_of_widget(ui, egui::Key::ArrowLeft) {
         turn = DVec2::ZERO;
     }
     if direction == DVec3::ZERO && turn == DVec2::ZERO {
