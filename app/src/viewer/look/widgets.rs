@@ -85,9 +85,9 @@ pub fn choice<'a, T: PartialEq + Copy>(
     .inner
 }
 
-/// What separates thousands, besides a point or a comma.
+/// What separates thousands, besides a point or a comma. Tabs and ends of lines separate numbers.
 fn is_gap(letter: char) -> bool {
-    letter.is_whitespace() || matches!(letter, '\'' | '’')
+    letter.is_whitespace() && !letter.is_control() || matches!(letter, '\'' | '’')
 }
 
 /// The number that a person typed, with a decimal point or comma; `None` where that is not sure. Of points and commas, the
@@ -101,8 +101,8 @@ pub fn typed_number(text: &str) -> Option<f64> {
     if is_english() && marks == [","] && rest.len() == 3 && are_digits(rest) && !whole.starts_with('0') {
         return None;
     }
-    let rest: String = rest.chars().filter(|letter| !is_gap(*letter)).collect();
-    let text = format!("{sign}{}{}{rest}", without_thousands(whole)?, decimal.map_or("", |_| "."));
+    let (whole, rest) = (without_thousands(whole)?, without_gaps(rest)?);
+    let text = format!("{sign}{whole}{}{rest}", decimal.map_or("", |_| "."));
     text.parse().ok().filter(|number: &f64| number.is_finite())
 }
 
@@ -137,6 +137,14 @@ fn without_thousands(text: &str) -> Option<String> {
     let is_first = (1..=3).contains(&first.len()) && are_digits(first) && !first.starts_with('0');
     let are_thousands = is_same && is_first && groups.all(|group| group.len() == 3 && are_digits(group));
     are_thousands.then(|| text.split(is_mark).collect())
+}
+
+/// Decimals without the gaps between them; `None` where a gap stands elsewhere than behind three digits.
+fn without_gaps(decimals: &str) -> Option<String> {
+    let Some((groups, last)) = decimals.rsplit_once(is_gap) else { return Some(decimals.to_owned()) };
+    let are_groups = groups.split(is_gap).all(|group| group.len() == 3 && are_digits(group));
+    let is_last = (1..=3).contains(&last.len()) && are_digits(last);
+    (are_groups && is_last).then(|| decimals.split(is_gap).collect())
 }
 
 thread_local! {
@@ -568,6 +576,7 @@ mod tests {
             (".5", 0.5),
             ("1.234", 1.234),
             ("0.123 456", 0.123_456),
+            ("1.234'567’8\t", 1.234_567_8),
             ("1,234.5", 1234.5),
             ("1.250,5", 1250.5),
             ("636.710,25", 636_710.25),
@@ -581,8 +590,11 @@ mod tests {
             for (text, number) in typed {
                 assert_eq!(typed_number(text), Some(number), "{text}");
             }
-            for text in ["1,2,3", "1.2.345", "12.34,5", "1.234.567,8,9", "12 34", "nan", "inf", "1e999", "", ".", "two"]
-            {
+            let lists =
+                ["10.5 20", "1,5 3", "100, 200", "1, 5", "0.5 200", "0.123 4567", "12\t345", "12\n345", "1.5\t2"];
+            let others =
+                ["1,2,3", "1.2.345", "12.34,5", "1.234.567,8,9", "12 34", "nan", "inf", "1e999", "", ".", "two"];
+            for text in lists.into_iter().chain(others) {
                 assert_eq!(typed_number(text), None, "{text}");
             }
         }
