@@ -91,19 +91,26 @@ fn is_gap(letter: char) -> bool {
 }
 
 /// The number that a person typed, with a decimal point or comma; `None` where that is not sure. Of points and commas, the
-/// last is the decimal one, unless it occurs several times. A single one is always that, but for a comma before three
-/// digits in English, where it separates thousands, if not after a zero.
+/// last is the decimal one, unless it occurs several times. A single one is always that, but for a comma that may separate
+/// thousands, which it does in English.
 pub fn typed_number(text: &str) -> Option<f64> {
     let (sign, text) = sign(text);
     let marks: Vec<&str> = text.matches(['.', ',']).collect();
     let decimal = marks.last().filter(|last| marks.iter().filter(|mark| mark == last).count() == 1);
     let (whole, rest) = decimal.and_then(|mark| text.split_once(mark)).unwrap_or((text, ""));
-    if is_english() && marks == [","] && rest.len() == 3 && are_digits(rest) && !whole.starts_with('0') {
+    if is_english() && marks == [","] && is_unclear(text) {
         return None;
     }
     let (whole, rest) = (without_thousands(whole)?, without_gaps(rest)?);
     let text = format!("{sign}{whole}{}{rest}", decimal.map_or("", |_| "."));
     text.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// Whether the only point or comma of a number may be the decimal one and that of thousands: three digits follow, and one to
+/// three are before it, without a zero at their front.
+pub fn is_unclear(text: &str) -> bool {
+    let (_, text) = sign(text);
+    text.matches(['.', ',']).count() == 1 && without_thousands(text).is_some()
 }
 
 /// The whole number that a person typed, whose thousands may be separated by points or commas in every language.
@@ -245,13 +252,16 @@ pub fn kept_unless_typed<'a, N: Numeric>(
         if *value == text {
             return None;
         }
-        let number = read(text.strip_suffix(unit.trim()).unwrap_or(text));
+        let typed = text.strip_suffix(unit.trim()).unwrap_or(text);
+        let number = read(typed);
         if number.is_none() && !text.is_empty() {
             let value = format_args!("{value}{unit}");
-            REFUSED.set(Some(if N::INTEGRAL {
-                text!("“{text}” is no whole number; {value} stays", text, value)
-            } else {
-                text!("“{text}” is no number; {value} stays", text, value)
+            // All that is not sure of it is what its only point or comma separates.
+            let is_number = typed.matches(['.', ',']).count() == 1 && read(&typed.replace(['.', ','], "'")).is_some();
+            REFUSED.set(Some(match () {
+                () if N::INTEGRAL => text!("“{text}” is no whole number; {value} stays", text, value),
+                () if is_number => text!("“{text}” may have thousands or decimals; {value} stays", text, value),
+                () => text!("“{text}” is no number; {value} stays", text, value),
             }));
         }
         number
@@ -598,7 +608,9 @@ mod tests {
                 assert_eq!(typed_number(text), None, "{text}");
             }
         }
-        assert_eq!(["1,234", "0,123"].map(typed_number), [None, Some(0.123)]);
+        assert_eq!(["1,234", "-12,345"].map(typed_number), [None, None]);
+        let sure = ["0,123", ",125", "1234,567", "12 345,678"];
+        assert_eq!(sure.map(typed_number), [0.123, 0.125, 1234.567, 12_345.678].map(Some));
         speak(scene::Language::German);
         let german = typed_number("636,712");
         speak(scene::Language::English);
@@ -627,8 +639,13 @@ mod tests {
         for (text, number) in [("2,5 m", 2.5), ("3m", 3.0), ("1.250,5 m", 1250.5), ("2.5", 2.5)] {
             assert_eq!(typed(text), (number, None), "{text}");
         }
-        let told = Some("“2,5 km” is no number; 2.5 m stays".to_owned());
-        assert_eq!(typed("2,5 km"), (2.5, told));
+        for (text, told) in [
+            ("2,5 km", "“2,5 km” is no number; 2.5 m stays"),
+            ("1.234 km", "“1.234 km” is no number; 2.5 m stays"),
+            ("1,234 m", "“1,234 m” may have thousands or decimals; 2.5 m stays"),
+        ] {
+            assert_eq!(typed(text), (2.5, Some(told.to_owned())));
+        }
     }
 
     #[test]

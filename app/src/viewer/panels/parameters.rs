@@ -8,7 +8,7 @@ use param::{Field, Group, Kind, Params, Value};
 use crate::shared::language::{in_english, text, translated};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{
-    kept_unless_typed, name_label, number_field, number_slider_in, number_slider_in_words, typed_number,
+    is_unclear, kept_unless_typed, name_label, number_field, number_slider_in, number_slider_in_words, typed_number,
     typed_whole_number,
 };
 use crate::viewer::requests::action::Action;
@@ -236,13 +236,11 @@ fn widget(ui: &mut Ui, field: &Field, value: Value, label: egui::Id) -> Option<V
     }
 }
 
-/// The bytes that a person typed, with a unit or without. One separator before three digits is that of thousands where there
-/// is no unit; with one, as in 2.048 MiB, nobody knows.
+/// The bytes that a person typed, with a unit or without. One point or comma that may separate thousands does where there is
+/// no unit; with one, as in 2.048 MiB, nobody knows.
 fn typed_bytes(text: &str) -> Option<f64> {
     let (number, unit) = text.split_at(text.find(|letter: char| letter.is_ascii_alphabetic()).unwrap_or(text.len()));
-    let marks = number.matches(['.', ',']).count();
-    let is_unclear = marks == 1 && number.trim().rsplit(['.', ',']).next().is_some_and(|rest| rest.len() == 3);
-    if is_unclear && !unit.is_empty() {
+    if is_unclear(number) && !unit.is_empty() {
         return None;
     }
     let number = typed_whole_number(number).or_else(|| typed_number(number))?;
@@ -348,7 +346,14 @@ mod tests {
     #[test]
     fn amounts_of_memory_have_separators_of_thousands() {
         let mebi = f64::from(1 << 20);
-        let typed = [("2 048 MiB", 2048.0), ("1,5 MiB", 1.5), ("1.25MiB", 1.25), ("512mib", 512.0)];
+        let typed = [
+            ("2 048 MiB", 2048.0),
+            ("1,5 MiB", 1.5),
+            ("1.25MiB", 1.25),
+            ("512mib", 512.0),
+            ("0.125 MiB", 0.125),
+            (",5MiB", 0.5),
+        ];
         for (text, number) in typed {
             assert_eq!(typed_bytes(text), Some(number * mebi), "{text}");
         }
