@@ -3,4 +3,5 @@
 pub mod reflection_figures;
 pub mod tab;
 pub mod theme;
+pub mod typed;
 pub mod widgets;

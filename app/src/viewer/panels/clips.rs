@@ -11,9 +11,8 @@ use scene::{Clip, ClipShape, Filter, Keep, Object};
 use crate::shared::export::FORMATS;
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::widgets::{
-    choice, eye, name_field, name_label, number_field_in_words, tall_menu, three, typed_number,
-};
+use crate::viewer::look::typed::typed_number;
+use crate::viewer::look::widgets::{choice, eye, name_field, name_label, number_field_in_words, tall_menu, three};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
 use crate::viewer::panels::mirrors::{from_angles, remember_angles, remembered_angles};

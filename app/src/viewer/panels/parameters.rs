@@ -7,9 +7,9 @@ use param::{Field, Group, Kind, Params, Value};
 
 use crate::shared::language::{in_english, text, translated};
 use crate::viewer::look::theme;
+use crate::viewer::look::typed::{is_unclear, typed_number, typed_whole_number};
 use crate::viewer::look::widgets::{
-    is_unclear, kept_unless_typed, name_label, number_field, number_slider_in, number_slider_in_words, typed_number,
-    typed_whole_number,
+    kept_unless_typed, name_label, number_field, number_slider_in, number_slider_in_words,
 };
 use crate::viewer::requests::action::Action;
 use crate::viewer::scene::idle;
