@@ -1,6 +1,7 @@
 //! The window that asks for the range of a sweep, and the progress of a sweep.
 
-use egui::{RichText, Ui};
+use egui::{Response, RichText, Ui};
+use param::Kind;
 
 use crate::shared::language::text;
 use crate::viewer::jobs::sweep_range::{MOST_VALUES, SweepRange};
@@ -38,7 +39,7 @@ fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
             let speed = (range.to - range.from).abs().max(1e-3) * 0.01;
             for (name, value) in [(text!("From"), &mut range.from), (text!("To"), &mut range.to)] {
                 let label = ui.label(name);
-                ui.add(number_field(value).speed(speed).max_decimals(4)).labelled_by(label.id);
+                end(ui, &range.field.kind, value, speed).labelled_by(label.id);
                 ui.end_row();
             }
             let label = ui.label(text!("Values"));
@@ -59,6 +60,17 @@ fn contents(ui: &mut Ui, range: &mut SweepRange) -> Option<Vec<String>> {
     values.ok().filter(|_| button.clicked())
 }
 
+/// Draws the field of an end of the range, which is a whole number where the parameter is.
+fn end(ui: &mut Ui, kind: &Kind, value: &mut f64, speed: f64) -> Response {
+    if !matches!(kind, Kind::U32 { .. }) {
+        return ui.add(number_field(value).speed(speed).max_decimals(4));
+    }
+    let mut whole = *value as u32;
+    let response = ui.add(number_field(&mut whole).speed(speed));
+    *value = f64::from(whole);
+    response
+}
+
 /// Shows the progress of the sweep in the status bar, with a button to end it.
 pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     let Some(sweep) = &session.sweeps.under_way else { return };
@@ -67,5 +79,29 @@ pub fn progress(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if ui.small_button(text!("End sweep")).on_hover_text(text!("The values that are judged so far are saved")).clicked()
     {
         actions.push(Action::EndSweep);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable as _;
+
+    use super::*;
+
+    #[test]
+    fn the_ends_of_a_sweep_are_typed_as_the_parameter_is() {
+        for (key, text, number) in [("light.photons", "500.000", 500_000.0), ("splat.size", "1.250", 1.25)] {
+            let range = SweepRange::of(&scene::Settings::default(), key).unwrap();
+            let mut harness = Harness::new_ui_state(|ui, range| drop(contents(ui, range)), range);
+            harness.get_by_role_and_label(egui::accesskit::Role::SpinButton, "To").focus();
+            harness.run();
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.event(egui::Event::Text(text.into()));
+            harness.run();
+            harness.key_press(egui::Key::Enter);
+            harness.run();
+            assert_eq!(harness.state().to, number, "{key}");
+        }
     }
 }
