@@ -37,6 +37,11 @@ pub fn typed_whole_number(text: &str) -> Option<f64> {
     number.or_else(|| typed_number(text)).filter(|number| number.is_finite() && number.fract() == 0.0)
 }
 
+/// The number that a person typed for what is whole, but for a limit that may lie between: a whole one where it may be.
+pub fn typed_limit(text: &str) -> Option<f64> {
+    typed_whole_number(text).or_else(|| typed_number(text))
+}
+
 fn are_digits(text: &str) -> bool {
     text.bytes().all(|letter| letter.is_ascii_digit())
 }
@@ -97,6 +102,7 @@ mod tests {
             for (text, number) in typed {
                 assert_eq!(typed_whole_number(text), Some(number), "{text}");
             }
+            assert_eq!(["500.000", "2.5", "0,125"].map(typed_limit), [500_000.0, 2.5, 0.125].map(Some));
             for text in ["2.7", "0,500", "1.234,567", "1234.567", "1.23.456", "12 34", "two", "", "inf", "."] {
                 assert_eq!(typed_whole_number(text), None, "{text}");
             }

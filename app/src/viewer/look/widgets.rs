@@ -119,7 +119,7 @@ const MOST_LETTERS: usize = 15;
 
 /// A number in figures, without decimals where it is a whole one by its type. All digits of one that was typed are shown,
 /// however many a field has else.
-fn plain<N: Numeric>(number: f64, decimals: RangeInclusive<usize>) -> String {
+pub fn plain<N: Numeric>(number: f64, decimals: RangeInclusive<usize>) -> String {
     if N::INTEGRAL {
         return format!("{number:.0}");
     }

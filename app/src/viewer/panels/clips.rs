@@ -11,7 +11,7 @@ use scene::{Clip, ClipShape, Filter, Keep, Object};
 use crate::shared::export::FORMATS;
 use crate::shared::language::{text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::typed::typed_number;
+use crate::viewer::look::typed::{typed_limit, typed_number};
 use crate::viewer::look::widgets::{choice, eye, name_field, name_label, number_field_in_words, tall_menu, three};
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedClip};
@@ -268,6 +268,8 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             ui.horizontal(|ui| {
                 let label = name_label(ui, filter.attribute.as_str());
                 let (low, high) = (filter.low, filter.high);
+                let mut attributes = session.loaded.clouds.iter().flat_map(|entry| &entry.cloud.attributes);
+                let is_whole = attributes.any(|own| own.name == filter.attribute && own.column_type.is_whole());
                 let written = |value, decimals| match value {
                     f64::NEG_INFINITY => text!("lowest").into(),
                     f64::INFINITY => text!("highest").into(),
@@ -276,6 +278,7 @@ fn filters(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 let read = |typed: &str| match typed.trim() {
                     lowest if lowest == text!("lowest") => Some(f64::NEG_INFINITY),
                     highest if highest == text!("highest") => Some(f64::INFINITY),
+                    typed if is_whole => typed_limit(typed),
                     typed => typed_number(typed),
                 };
                 let drag = |value| {
@@ -466,6 +469,26 @@ mod tests {
         harness.get_by_label("Delete the filter of intensity").click();
         harness.run_ok();
         assert!(harness.state().scene.objects.visibility.filters.is_empty());
+    }
+
+    #[test]
+    fn the_ends_of_a_filter_are_typed_as_its_attribute_is() {
+        for (column_type, low) in [(ColumnType::U32, 500_000.0), (ColumnType::F64, 500.0)] {
+            let mut harness = harness();
+            let attribute = Attribute { name: "gps".into(), column_type };
+            harness.state_mut().loaded.clouds[0].cloud.attributes.push(attribute);
+            let filter = Filter { attribute: "gps".into(), low: 3.0, high: 1e6 };
+            harness.state_mut().act(Action::Clip(Clipping::Filter(vec![filter])));
+            harness.run_ok();
+            harness.get_all_by_role(egui::accesskit::Role::SpinButton).next().unwrap().focus();
+            harness.run_ok();
+            harness.key_press_modifiers(egui::Modifiers::COMMAND, egui::Key::A);
+            harness.event(egui::Event::Text("500.000".into()));
+            harness.run_ok();
+            harness.key_press(egui::Key::Enter);
+            harness.run_ok();
+            assert_eq!(harness.state().scene.objects.visibility.filters[0].low, low, "{column_type:?}");
+        }
     }
 
     #[test]

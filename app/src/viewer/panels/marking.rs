@@ -8,7 +8,8 @@ use crate::shared::language::{text, translated};
 use crate::viewer::loaded::streams;
 use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
-use crate::viewer::look::widgets::{choice, length, name_label, number_field, number_slider, slider};
+use crate::viewer::look::typed::{typed_limit, typed_number};
+use crate::viewer::look::widgets::{choice, length, name_label, number_field_in_words, number_slider, plain, slider};
 use crate::viewer::objects::Marking;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::panels::mirrors;
@@ -166,8 +167,11 @@ fn which_points(ui: &mut Ui, draft: &mut Draft, entry: &CloudEntry, scene_radius
             ui.horizontal(|ui| {
                 let label = name_label(ui, text!("From, to"));
                 let speed = ((draft.high - draft.low).abs() * 0.005).max(1e-6);
-                ui.add(number_field(&mut draft.low).speed(speed)).labelled_by(label.id);
-                ui.add(number_field(&mut draft.high).speed(speed)).labelled_by(label.id);
+                let is_whole = attributes.get(index).is_some_and(|attribute| attribute.column_type.is_whole());
+                let read = if is_whole { typed_limit } else { typed_number };
+                for value in [&mut draft.low, &mut draft.high] {
+                    ui.add(number_field_in_words(value, plain::<f64>, read).speed(speed)).labelled_by(label.id);
+                }
             });
         }
     }

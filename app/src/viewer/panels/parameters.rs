@@ -7,7 +7,7 @@ use param::{Field, Group, Kind, Params, Value};
 
 use crate::shared::language::{in_english, text, translated};
 use crate::viewer::look::theme;
-use crate::viewer::look::typed::{is_unclear, typed_number, typed_whole_number};
+use crate::viewer::look::typed::{is_unclear, typed_limit};
 use crate::viewer::look::widgets::{
     kept_unless_typed, name_label, number_field, number_slider_in, number_slider_in_words,
 };
@@ -243,8 +243,7 @@ fn typed_bytes(text: &str) -> Option<f64> {
     if is_unclear(number) && !unit.is_empty() {
         return None;
     }
-    let number = typed_whole_number(number).or_else(|| typed_number(number))?;
-    format!("{number}{unit}").parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64)
+    format!("{}{unit}", typed_limit(number)?).parse::<param::Bytes>().ok().map(|bytes| bytes.0 as f64)
 }
 
 /// Rounds to the nearest amount that people would write, with eight steps to a doubling.
