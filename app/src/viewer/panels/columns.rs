@@ -12,6 +12,8 @@ use crate::viewer::session::Session;
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     let Some(before) = session.unnamed.first() else { return };
     let (mut draft, mut is_open, mut answer) = (before.clone(), true, None);
+    // Esc closes what is open over the window.
+    let takes_esc = session.palette.is_none() && !egui::Popup::is_any_open(context);
     let name = before.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     egui::Window::new(text!("Columns of {name}", name))
         .id(egui::Id::unique("columns of a table"))
@@ -19,7 +21,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
         .collapsible(false)
         .resizable(false)
         .anchor(egui::Align2::CENTER_TOP, [0.0, 80.0])
-        .show(context, |ui| answer = contents(ui, &mut draft, session.palette.is_none()));
+        .show(context, |ui| answer = contents(ui, &mut draft, takes_esc));
     if draft != *before {
         actions.push(Action::Name(Naming::Change(Box::new(draft))));
     }
@@ -27,7 +29,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     actions.extend(answer.map(Action::Name));
 }
 
-/// `takes_esc` says that no dialog over the window does.
+/// `takes_esc` says that Esc gives the table up.
 fn contents(ui: &mut Ui, draft: &mut ColumnsDraft, takes_esc: bool) -> Option<Naming> {
     ui.set_width(560.0);
     ui.label(format!("{}.", draft.table.by));
@@ -277,6 +279,20 @@ mod tests {
         harness.key_press(Key::Escape);
         harness.run_ok();
         assert_eq!(harness.state().unnamed.iter().map(|draft| draft.path.clone()).collect::<Vec<_>>(), paths[1..]);
+    }
+
+    #[test]
+    fn esc_in_an_open_list_closes_the_list_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = write(folder.path(), "a.xyz", UNNAMED);
+        let mut harness = harness();
+        open(&mut harness, &[path]);
+        harness.get_by_label("Column 2").click();
+        harness.run_ok();
+        assert!(egui::Popup::is_any_open(&harness.ctx));
+        harness.key_press(Key::Escape);
+        harness.run_ok();
+        assert!(!egui::Popup::is_any_open(&harness.ctx) && harness.state().unnamed.len() == 1);
     }
 
     #[test]
