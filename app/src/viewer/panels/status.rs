@@ -199,11 +199,17 @@ fn job_progress(ui: &mut Ui, session: &Session, job: &JobEntry) -> bool {
         let (done, total) = (job.progress.done(), job.progress.total());
         ui.label(text!("reading {job}", job = job.name));
         if let Some((Fetch { address, done, total, .. }, count)) = fetching::first() {
-            let others = if count > 1 { text!(" and {count} more", count = count - 1) } else { String::new() };
-            ui.label(text!("fetching {address}{others}", address = codec::last_part(&address), others));
-            progress_bar(ui, (done as f32 / total.max(1) as f32).min(1.0));
-            let text = text!("{done} of {total}", done = theme::bytes(done), total = theme::bytes(total));
-            ui.label(RichText::new(text).small().color(theme::WEAK));
+            let address = codec::last_part(&address);
+            // How long such a wait will be nobody knows.
+            if total == 1 {
+                ui.label(text!("the server of {address} asks to wait", address));
+            } else {
+                let others = if count > 1 { text!(" and {count} more", count = count - 1) } else { String::new() };
+                ui.label(text!("fetching {address}{others}", address, others));
+                progress_bar(ui, (done as f32 / total.max(1) as f32).min(1.0));
+                let text = text!("{done} of {total}", done = theme::bytes(done), total = theme::bytes(total));
+                ui.label(RichText::new(text).small().color(theme::WEAK));
+            }
         }
         // For a streamed cloud the number of points that a view needs is not known.
         if total > 0 {
