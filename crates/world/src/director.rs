@@ -176,8 +176,6 @@ impl Director {
     fn step(&mut self) -> Option<()> {
         let News { view, requests } = self.mailbox.wait(REPORT_INTERVAL, self.view_number)?;
         let mut is_other = view.is_some();
-        // What was stopped before any view stays so for the first one.
-        let stays_stopped = self.is_stopped && self.view_number == 0;
         if let Some((number, viewpoint)) = view {
             self.view_number = number;
             (self.viewpoint, self.awaited) =
@@ -185,10 +183,10 @@ impl Director {
         }
         let is_other_view = is_other;
         if is_other_view {
-            self.is_stopped = stays_stopped;
-            // What found no room for the view before may find some now.
+            // What was stopped before any view stays so for the first one. What found no room before may find some now.
+            self.is_stopped &= self.view_number == 1;
             self.clouds.values_mut().filter_map(|streamed| streamed.lists.as_mut()).for_each(Lists::try_again);
-            self.tiles.values_mut().filter(|_| !stays_stopped).for_each(Tiles::try_again);
+            self.tiles.values_mut().filter(|_| !self.is_stopped).for_each(Tiles::try_again);
             let asked = self.viewpoint.as_ref().or(self.awaited.as_ref()).map(|viewpoint| &viewpoint.asked);
             let kept = |asked| self.tiles.values_mut().flat_map(|tiles| tiles.keep(asked)).collect();
             let again: Vec<Arrival> = asked.map(kept).unwrap_or_default();
