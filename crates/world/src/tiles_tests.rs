@@ -203,6 +203,23 @@ fn tiles_that_were_missing_are_opened_once_they_are_there() {
     assert_eq!((open(&tiles), tiles.mended()), (vec![0, 1, 2, 3], vec![told[1].clone()]));
 }
 
+/// What a camera sees in a picture of that size.
+fn seen_by(camera: Camera, size: [u32; 2], settings: &Settings) -> StreamView {
+    StreamView {
+        camera,
+        size,
+        view: settings.view.clone(),
+        stream: settings.stream.clone(),
+        mirrors: Vec::new(),
+        hidden: BTreeSet::new(),
+        placed: BTreeMap::new(),
+        test: cloud::PointTest::default(),
+        asked: BTreeSet::new(),
+        share: 1.0,
+        is_alone: false,
+    }
+}
+
 #[test]
 fn a_catalogue_is_one_cloud_of_which_a_view_has_the_tiles_that_it_shows() {
     let folder = tempfile::tempdir().unwrap();
@@ -216,19 +233,7 @@ fn a_catalogue_is_one_cloud_of_which_a_view_has_the_tiles_that_it_shows() {
     let job = start(vec![input], &settings, BTreeSet::new());
     // From above the middle of the tile that is seen.
     let camera = Camera::looking(DVec3::new(SIDE * (f64::from(SEEN) + 0.5), 50.0, 60.0), DVec3::NEG_Z, 60.0, DVec3::Y);
-    let view = StreamView {
-        camera,
-        size: [100, 100],
-        view: settings.view.clone(),
-        stream: settings.stream.clone(),
-        mirrors: Vec::new(),
-        hidden: BTreeSet::new(),
-        placed: BTreeMap::new(),
-        test: cloud::PointTest::default(),
-        asked: BTreeSet::new(),
-        share: 1.0,
-        is_alone: true,
-    };
+    let view = StreamView { is_alone: true, ..seen_by(camera, [100, 100], &settings) };
     let number = job.mailbox.set_view(view);
     let (mut there, mut opened) = (BTreeMap::new(), 0);
     let deadline = Instant::now() + Duration::from_secs(60);
@@ -266,19 +271,7 @@ fn what_is_cancelled_before_any_view_stays_so_until_the_second_one() {
     // From so high above that some twenty tiles are seen.
     let set_view = |height: f64| {
         let camera = Camera::looking(DVec3::new(40.0 * SIDE, 50.0, height), DVec3::NEG_Z, height, DVec3::Y);
-        job.mailbox.set_view(StreamView {
-            camera,
-            size: [800, 600],
-            view: settings.view.clone(),
-            stream: settings.stream.clone(),
-            mirrors: Vec::new(),
-            hidden: BTreeSet::new(),
-            placed: BTreeMap::new(),
-            test: cloud::PointTest::default(),
-            asked: BTreeSet::new(),
-            share: 1.0,
-            is_alone: false,
-        })
+        job.mailbox.set_view(seen_by(camera, [800, 600], &settings))
     };
     let deadline = Instant::now() + Duration::from_secs(60);
     let next = || {
