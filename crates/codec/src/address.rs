@@ -100,9 +100,7 @@ impl Address {
         let query = if query.is_empty() { own_query.to_owned() } else { encoded(query) };
         Ok(Self { path, query, ..self.clone() })
     }
-}
 
-impl Address {
     /// Whether what lies beside a file at this address lies beside one at another, too, which a server sends on to: the name
     /// is the same, without a key of its own, or one of both is a folder.
     pub fn is_moved_to(&self, other: &Self) -> bool {

@@ -23,9 +23,10 @@ pub const CHANGED: &str = "the file on the server has changed since it was opene
 pub const STOPPED: &str = "stopped while it was fetched";
 /// The number of addresses that one request may be sent on to.
 const MOST_REDIRECTS: usize = 5;
-/// The rate in bytes a second that an answer needs at least, in each span as long as some silences. As long a request waits
-/// at most in all where a server asks to wait, and half as long at a time.
+/// The rate in bytes a second that an answer needs at least, in each span of `MOST_PATIENCE`.
 const LEAST_RATE: u64 = 64;
+/// In times of `Network::silence`: the spans in which the rate of an answer is judged, and how long a request waits at most in
+/// all where a server asks to wait, half of it at a time.
 const MOST_PATIENCE: u32 = 3;
 /// How often a server that is silent is asked for a part, and how long it is left alone after that: many parts are asked
 /// for, and each would wait anew.
