@@ -58,7 +58,7 @@ pub use method::ReflectedShare;
 pub use pass_times::PassTime;
 pub use passes::PassStage;
 pub use probe::{LightProbe, MirrorProbe, Probe, SeenMirror, Shown};
-pub use quick::{Detail, Known, KnownLight, QuickPicture};
+pub use quick::{Detail, EarlierLight, Known, KnownLight, QuickPicture};
 pub use read_back::Picked;
 pub use recorder::IsGivenUp;
 pub use reflection::kept_hits::GlossCache;

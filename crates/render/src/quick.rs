@@ -7,6 +7,7 @@
 //! Schuetz et al. 2021 splat points with one atomic minimum each, as here; docs/performance.md has the times.
 
 mod discs;
+mod earlier;
 mod levels;
 mod light;
 mod look_up;
@@ -29,6 +30,7 @@ use crate::read_back::Picked;
 use crate::reflection::kept_hits::GlossCache;
 use crate::renderer::FrameStats;
 use crate::store::PointStore;
+pub use earlier::EarlierLight;
 use levels::{EMPTY, Levels, depth_of, identity_of};
 pub use light::{Known, KnownLight};
 pub(crate) use light::{StillImages, StillMirrors};

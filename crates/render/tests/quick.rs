@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use cloud::{Attribute, Chunk, Cloud, CloudLayout, Column, ColumnType, PointTest, hash, pack_normal, pack_radius};
 use glam::DVec3;
-use render::{Aov, ColorPlan, Detail, Frame, Known, Material, Objects, PointStore, QuickPicture};
+use render::{Aov, ColorPlan, Detail, EarlierLight, Frame, Known, Material, Objects, PointStore, QuickPicture};
 use scene::{Camera, Settings};
 
 use stage::Stage;
@@ -243,7 +243,7 @@ fn a_quick_picture_takes_over_the_light_of_a_picture_at_rest_into_other_views() 
     let known = stage.renderer.known_light(&settings).unwrap();
     let mut quick = QuickPicture::default();
     let mut error = |light| {
-        quick.draw(&store, &turned, &settings, SIZE, ALL, Known { light, mirrors: None });
+        quick.draw(&store, &turned, &settings, SIZE, ALL, Known { light, ..Known::default() });
         difference(&quick.take_rows().tight(), &other)
     };
     let (lit, unlit) = (error(Some(&known)), error(None));
@@ -270,11 +270,41 @@ fn a_quick_picture_takes_over_the_light_of_a_later_picture_where_the_first_knows
         let later = stage.renderer.known_light(&own).unwrap();
         let mut quick = QuickPicture::default();
         let mut error = |mirrors| {
-            quick.draw(&store, &behind, &settings, SIZE, ALL, Known { light: Some(&first), mirrors });
+            let known = Known { light: Some(&first), mirrors, ..Known::default() };
+            quick.draw(&store, &behind, &settings, SIZE, ALL, known);
             difference(&quick.take_rows().tight(), &rest)
         };
         let (both, alone) = (error(Some(&later)), error(None));
         assert!(alone > 1.5 * both, "{fit}: {both} with the later picture and {alone} without it");
+    }
+}
+
+#[test]
+fn a_quick_picture_takes_over_the_light_of_pictures_before_the_last_one() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    let settings = settings(&[("light.by", "sun"), ("color.by", "plain"), ("gi.bounces", "0"), ("tone.fit", "locked")]);
+    let store = store(&stage, &cloud, &settings);
+    // The dark side of the ball, and then the bright one.
+    let [dark, bright] =
+        [0.9, -0.9].map(|x| Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(x, 0.25, 0.4), 5.0, DVec3::Z));
+    let rest = still(&mut stage, &store, &dark, &settings);
+    for fit in ["locked", "always"] {
+        let mut own = settings.clone();
+        own.set_text("tone.fit", fit).unwrap();
+        still(&mut stage, &store, &dark, &own);
+        let before = stage.renderer.known_light(&own).unwrap();
+        still(&mut stage, &store, &bright, &settings);
+        let last = stage.renderer.known_light(&settings).unwrap();
+        let mut earlier = EarlierLight::default();
+        earlier.keep(&before, &last);
+        let mut quick = QuickPicture::default();
+        let mut error = |earlier| {
+            quick.draw(&store, &dark, &settings, SIZE, ALL, Known { light: Some(&last), earlier, mirrors: None });
+            difference(&quick.take_rows().tight(), &rest)
+        };
+        let (both, alone) = (error(Some(&earlier)), error(None));
+        assert!(alone > 1.5 * both, "{fit}: {both} with the picture before and {alone} without it");
     }
 }
 
@@ -314,7 +344,7 @@ fn error_of_mirror(stage: &mut Stage, refraction: f32) -> f64 {
     still(stage, &store, &view(0.0), &settings);
     let known = stage.renderer.known_light(&settings).unwrap();
     let mut quick = QuickPicture::default();
-    quick.draw(&store, &view(0.5), &settings, SIZE, ALL, Known { light: None, mirrors: Some(&known) });
+    quick.draw(&store, &view(0.5), &settings, SIZE, ALL, Known { mirrors: Some(&known), ..Known::default() });
     let picture = quick.take_rows().tight();
     let pixels = is_mirror.iter().zip(picture.chunks_exact(4).zip(rest.chunks_exact(4)));
     let errors: Vec<f64> = pixels.filter(|(is, _)| **is == 1.0).map(|(_, (a, b))| difference(a, b)).collect();

@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 use cloud::PointTest;
 use glam::DVec3;
 use render::{
-    Detail, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, ReflectedShare, Renderer,
+    Detail, EarlierLight, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, ReflectedShare,
+    Renderer,
 };
 use scene::{Camera, LightClues, LightView, Lighting, Method, Mirror, Settings, Show, SpotLight, Tone};
-use world::Resident;
+use world::{Change, ChunkKey, Part, Resident};
 
 use crate::viewer::picture::frame_request::{FrameRequest, hurried};
 use crate::viewer::picture::messages::PickedPoint;
@@ -22,6 +23,8 @@ pub struct MovingPictures {
     quick: QuickPicture,
     /// The light of the last picture at rest.
     light: Option<(LightInputs, Arc<KnownLight>)>,
+    /// That of those before it; `None` if the points have changed since the last one.
+    earlier: Option<EarlierLight>,
     mirrors: Option<Reflections>,
     reflected: ReflectedPace,
     trail: Trail,
@@ -280,6 +283,20 @@ impl MovingPictures {
         coarse
     }
 
+    /// Learns of a change of points, before pictures show it.
+    pub fn learn(&mut self, change: &Change) {
+        // More or fewer points of a streamed cloud are in the same light.
+        let is_streamed = |key: &ChunkKey| matches!(key.part, Part::Node(_) | Part::Tile(..));
+        let is_same = match change {
+            Change::Put { key, .. } | Change::TakeOut { key } => is_streamed(key),
+            Change::Expect { .. } | Change::Bounds { .. } | Change::Tint { .. } => true,
+            _ => false,
+        };
+        if !is_same {
+            self.earlier = None;
+        }
+    }
+
     /// Draws a hurried frame, if the adapter is a processor, and the light on the points and what mirrors show is known.
     /// Before the first picture at rest, points show their own colours, and mirrors a plain one until they can reflect.
     pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<(FrameStats, PictureRows)> {
@@ -303,7 +320,7 @@ impl MovingPictures {
         self.trail.go_to(request.camera, Instant::now());
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor, most_as_discs: Detail::MOST_AS_DISCS };
-        let known = Known { light, mirrors: shown };
+        let known = Known { light, earlier: self.earlier.as_ref(), mirrors: shown };
         let mut stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
         stats.reflected = mirrors.map(|mirrors| mirrors.share);
         self.is_shown = true;
@@ -349,7 +366,10 @@ impl MovingPictures {
         store: &PointStore,
         request: &FrameRequest,
     ) -> render::Result<()> {
-        (self.light, self.mirrors) = (None, None);
+        let last = self.light.take();
+        self.mirrors = None;
+        // Mirrors block light, and throw it.
+        self.earlier.take_if(|_| self.stand.as_ref().is_some_and(|(mirrors, ..)| *mirrors != request.mirrors));
         self.stand = Some((request.mirrors.clone(), request.camera, request.settings.reflection.bounces));
         let reflects = self.reflects(store, request);
         if gpu.is_processor() && (reflects || !is_unlit(request)) {
@@ -364,6 +384,12 @@ impl MovingPictures {
             }
             self.light = Some((LightInputs::new(request), known)).filter(|_| !is_unlit(request));
         }
+        let mut earlier = self.earlier.take();
+        match (&mut earlier, last, &self.light) {
+            (Some(earlier), Some((before, last)), Some((now, light))) if before == *now => earlier.keep(&last, light),
+            _ => earlier = Some(EarlierLight::default()),
+        }
+        self.earlier = earlier;
         Ok(())
     }
 
@@ -376,6 +402,8 @@ impl MovingPictures {
 
 #[cfg(test)]
 mod tests {
+    use world::CloudKey;
+
     use super::*;
 
     /// The trail of a camera that moves evenly, at 20 pictures a second, from a start; and when its last picture was.
@@ -410,6 +438,21 @@ mod tests {
             assert!(apart[0].max(apart[1]) < 1e-9, "movement {number}: {apart:?}");
             assert_eq!(trail.ahead(camera, now, Duration::ZERO), camera);
         }
+    }
+
+    #[test]
+    fn earlier_light_is_forgotten_when_points_change_and_not_when_nodes_come_and_go() {
+        let cloud = CloudKey(1);
+        let knows_after = |change: Change| {
+            let mut moving = MovingPictures { earlier: Some(EarlierLight::default()), ..MovingPictures::default() };
+            moving.learn(&change);
+            moving.earlier.is_some()
+        };
+        let node = cloud.chunk(Part::Node(stream::NodeId(0)));
+        assert!(knows_after(Change::TakeOut { key: node }) && knows_after(Change::Expect { points: 5 }));
+        assert!(!knows_after(Change::TakeOut { key: cloud.chunk(Part::Block(0)) }));
+        assert!(!knows_after(Change::Show { cloud, is_visible: false }) && !knows_after(Change::Close { cloud }));
+        assert!(!knows_after(Change::Visibility { test: PointTest::hiding([2]) }));
     }
 
     #[test]

@@ -252,11 +252,16 @@ impl Worker {
                         frame = frame.or_else(|| self.on_screen.clone().map(Box::new));
                         Ok(())
                     }
-                    Command::Change(Change::Visibility { test }) => {
-                        self.test = Some(test);
-                        Ok(())
+                    Command::Change(change) => {
+                        self.moving.learn(&change);
+                        match change {
+                            Change::Visibility { test } => {
+                                self.test = Some(test);
+                                Ok(())
+                            }
+                            change => self.resident.apply(change),
+                        }
                     }
-                    Command::Change(change) => self.resident.apply(change),
                     Command::Arrived(pass) => {
                         drop(pass);
                         Ok(())

@@ -1,25 +1,33 @@
 //! The light of a picture at rest, as quick pictures of other views take it over.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
+use super::earlier::EarlierLight;
 use super::splat::{MIRROR, View};
 use crate::frame::FrameCamera;
 
-/// What a picture at rest knows of the light on the surfaces that it shows.
+/// What a picture at rest knows of the light on the surfaces that it shows, and of what its mirrors show.
 pub struct KnownLight {
-    camera: FrameCamera,
-    size: [usize; 2],
-    /// The linear depth in world units; 0 where nothing is seen.
-    depth: Vec<f32>,
-    /// The light that leaves each surface over its albedo, coded by `code`. The fourth byte says whether it is known, and
-    /// whether the pixel is a mirror's; of a mirror, the first one is its specular intensity.
-    light: Vec<[u8; 4]>,
+    pub(super) seen: Arc<SeenLight>,
     /// How far behind a mirror the image of what it shows stands, along the line of sight; empty without mirrors.
     behind: Vec<f32>,
     /// The picture in sRGB, without eye-dome lighting.
     shown: Vec<[u8; 4]>,
     curve: Box<[u8; CURVE]>,
+}
+
+/// The light on the surfaces that a picture at rest shows.
+pub(super) struct SeenLight {
+    pub camera: FrameCamera,
+    pub size: [usize; 2],
+    /// The linear depth in world units; 0 where nothing is seen.
+    pub depth: Vec<f32>,
+    /// The light that leaves each surface over its albedo, coded by `code`. The fourth byte says whether it is known, and
+    /// whether the pixel is a mirror's; of a mirror, the first one is its specular intensity.
+    pub light: Vec<[u8; 4]>,
     /// How much the light is brightened.
     stops: f32,
 }
@@ -29,6 +37,8 @@ pub struct KnownLight {
 pub struct Known<'a> {
     /// The light on the points; without it they show their own colours.
     pub light: Option<&'a KnownLight>,
+    /// The light on points of which `light` knows none.
+    pub earlier: Option<&'a EarlierLight>,
     /// What mirrors show.
     pub mirrors: Option<&'a KnownLight>,
 }
@@ -67,6 +77,8 @@ const SAME_SURFACE: f32 = 0.03;
 const FAR: f32 = 1e6;
 /// The curvature of mirrors is that between pixels which are apart by the width of the picture over this.
 const CURVATURE_STEPS: usize = 100;
+/// The pixels from one to those around it that say how its surface lies.
+const SIDE_STEP: usize = 2;
 /// How often the place of an image behind a mirror is looked for.
 const LOOKS: usize = 4;
 /// The width in pixels of the tiles whose mean light stands for what is not known in them.
@@ -74,7 +86,7 @@ const TILE: usize = 16;
 
 /// The fourth bytes of what is known of a pixel.
 const NOTHING: u8 = 0;
-const LIGHT: u8 = 1;
+pub const LIGHT: u8 = 1;
 const REFLECTION: u8 = 2;
 /// The fourth byte of the light of pixels of a view that need none: they show a mirror, or nothing.
 pub const NEEDS_NONE: u8 = 3;
@@ -119,13 +131,52 @@ impl KnownLight {
             [red, green, blue, REFLECTION]
         };
         let shown = color.par_chunks_exact(4).map(screen).collect();
-        Self { size: camera.size.map(|edge| edge as usize), camera, depth, light, behind, shown, curve, stops }
+        let size = camera.size.map(|edge| edge as usize);
+        Self { seen: Arc::new(SeenLight { camera, size, depth, light, stops }), behind, shown, curve }
     }
+}
 
+impl SeenLight {
     /// Whether two pixels are of the same mirror, as far as that is known.
     #[inline(always)]
     fn is_same_mirror(&self, one: usize, other: usize) -> bool {
         self.light[one] == self.light[other] && self.light[one][3] == REFLECTION
+    }
+
+    /// The light at a place of the picture, in pixels, if it shows a surface of this depth; and the pixel's index.
+    #[inline(always)]
+    fn light_at(&self, (x, y, depth): (f32, f32, f32)) -> Option<(usize, [u8; 4])> {
+        let at = y as usize * self.size[0] + x as usize;
+        let is_same = (self.depth[at] - depth).abs() <= SAME_SURFACE * depth;
+        Some((at, self.light[at])).filter(|(_, light)| is_same && light[3] == LIGHT)
+    }
+
+    /// The normals of the surfaces, toward the eye, in axes of the view, of no certain length; zero where they are not known.
+    /// Each follows from the depths of the pixels around.
+    pub fn normals(&self) -> Vec<[i8; 4]> {
+        let [width, height] = self.size;
+        let sight = Sight::new(&self.camera);
+        let place = |x: usize, y: usize| {
+            let depth = self.depth[y * width + x];
+            (depth > 0.0).then(|| sight.place((x as f32 + 0.5, y as f32 + 0.5, depth)))
+        };
+        let around = |at: usize, edge: usize| [at.saturating_sub(SIDE_STEP), (at + SIDE_STEP).min(edge - 1)];
+        let of_pixel = |x: usize, y: usize| {
+            let ([left, right], [above, below]) = (around(x, width), around(y, height));
+            let across = place(right, y)? - place(left, y)?;
+            let normal = across.cross(place(x, below)? - place(x, above)?).normalize_or_zero();
+            let toward = if sight.is_parallel { -Vec3::Z } else { -place(x, y)? };
+            let [x, y, z] = (normal * 127.0 * normal.dot(toward).signum()).to_array().map(|part| part as i8);
+            Some([x, y, z, 0])
+        };
+        let rows = (0..height).into_par_iter();
+        rows.flat_map_iter(|y| (0..width).map(move |x| of_pixel(x, y).unwrap_or([0; 4]))).collect()
+    }
+
+    /// By how much codes of this light grow where a picture that is brightened by `stops` takes them over: codes are roots of
+    /// light that is brightened as the picture was.
+    pub fn gain(&self, shown: &Self) -> f32 {
+        ((shown.stops - self.stops) * 0.5).exp2()
     }
 }
 
@@ -201,75 +252,122 @@ impl<'a> Lit<'a> {
     }
 }
 
+/// The lines of sight of a view.
+#[derive(Clone, Copy)]
+struct Sight {
+    half: [f32; 2],
+    focal: f32,
+    is_parallel: bool,
+}
+
+impl Sight {
+    fn new(camera: &FrameCamera) -> Self {
+        let half = camera.size.map(|edge| edge as f32 * 0.5);
+        Self { half, focal: camera.focal_pixels as f32, is_parallel: camera.orthographic }
+    }
+
+    /// How far right and up the line of sight through a place of the picture, in pixels, goes while it goes forward by one;
+    /// in a parallel projection, where it begins.
+    #[inline(always)]
+    fn slope(&self, x: f32, y: f32) -> [f32; 2] {
+        [(x - self.half[0]) / self.focal, (self.half[1] - y) / self.focal]
+    }
+
+    /// What a place of the picture shows at a depth, in axes of the view.
+    #[inline(always)]
+    fn place(&self, (x, y, depth): (f32, f32, f32)) -> Vec3 {
+        let [right, up] = self.slope(x, y);
+        let across = if self.is_parallel { 1.0 } else { depth };
+        Vec3::new(right * across, up * across, depth)
+    }
+
+    /// The place of the picture that shows a place before the eye, in axes of the view.
+    #[inline(always)]
+    fn pixel(&self, place: Vec3) -> (f32, f32) {
+        let scale = self.focal / if self.is_parallel { 1.0 } else { place.z };
+        (self.half[0] + place.x * scale, self.half[1] - place.y * scale)
+    }
+}
+
 /// A view and that of the picture before it.
-struct Before<'a> {
-    known: &'a KnownLight,
-    view: &'a View,
+pub(super) struct Before<'a> {
+    known: &'a SeenLight,
+    /// Of the view, and of the picture before it.
+    sight: Sight,
+    seen: Sight,
     turn: Mat3,
     offset: Vec3,
-    half: [f32; 2],
 }
 
 impl<'a> Before<'a> {
-    fn new(known: &'a KnownLight, frame: &FrameCamera, view: &'a View) -> Self {
+    pub fn new(known: &'a SeenLight, frame: &FrameCamera) -> Self {
         let before = &known.camera;
         let turn: DMat3 = before.view_from_world * frame.view_from_world.transpose();
         let offset: DVec3 = before.view_from_world * (frame.eye - before.eye);
-        let half = before.size.map(|edge| edge as f32 * 0.5);
-        Self { known, view, turn: turn.as_mat3(), offset: offset.as_vec3(), half }
+        let [sight, seen] = [frame, before].map(Sight::new);
+        Self { known, sight, seen, turn: turn.as_mat3(), offset: offset.as_vec3() }
     }
 
     /// Where in the picture before it is what a pixel shows at a depth: its place in pixels, and its depth there.
     #[inline(always)]
-    fn place(&self, x: usize, y: usize, depth: f32) -> Option<(f32, f32, f32)> {
-        let [slope_x, slope_y] = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
-        let across = if self.view.orthographic { 1.0 } else { depth };
-        let place = self.turn * Vec3::new(slope_x * across, slope_y * across, depth) + self.offset;
-        let camera = &self.known.camera;
-        let scale = camera.focal_pixels as f32 / if camera.orthographic { 1.0 } else { place.z };
-        let (x, y) = (self.half[0] + place.x * scale, self.half[1] - place.y * scale);
+    pub fn place(&self, x: usize, y: usize, depth: f32) -> Option<(f32, f32, f32)> {
+        let place = self.turn * self.sight.place((x as f32 + 0.5, y as f32 + 0.5, depth)) + self.offset;
+        let (x, y) = self.seen.pixel(place);
         let [width, height] = self.known.size;
         (place.z > 0.0 && x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32).then_some((x, y, place.z))
     }
 
-    /// Where in the picture before a mirror showed the image that a pixel of it shows. The image stands behind the mirror,
+    /// Where in the picture before a mirror showed the image that a pixel of it shows. The image stands `behind` the mirror,
     /// so it moves across it as the eye moves. `at` is where the pixel's place on the mirror is there.
     #[inline(always)]
-    fn place_of_image(&self, x: usize, y: usize, depth: f32, at: (f32, f32)) -> (f32, f32) {
+    fn place_of_image(&self, behind: &[f32], (x, y, depth): (usize, usize, f32), at: (f32, f32)) -> (f32, f32) {
         let texel = |(x, y): (f32, f32)| y as usize * self.known.size[0] + x as usize;
         let own = texel(at);
-        if self.known.behind.is_empty() || self.known.light[own][3] != REFLECTION {
+        if behind.is_empty() || self.known.light[own][3] != REFLECTION {
             return at;
         }
-        let slope = self.view.slope(x as f32 + 0.5, y as f32 + 0.5);
-        let along = if self.view.orthographic { 1.0 } else { (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt() };
-        let (mut found, mut farthest, mut behind) = (at, 0.0, self.known.behind[own]);
+        let slope = self.sight.slope(x as f32 + 0.5, y as f32 + 0.5);
+        let along = if self.sight.is_parallel { 1.0 } else { (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt() };
+        let (mut found, mut farthest, mut distance) = (at, 0.0, behind[own]);
         for _ in 0..LOOKS {
             // Where the mirror did not reach as far, what was at the same place of it stands in.
-            let Some((x, y, _)) = self.place(x, y, depth + behind / along) else { break };
+            let Some((x, y, _)) = self.place(x, y, depth + distance / along) else { break };
             let seen = texel((x, y));
             if !self.known.is_same_mirror(own, seen) {
                 break;
             }
-            let next = self.known.behind[seen];
+            let next = behind[seen];
             // Images of one surface differ by little.
-            if (next - behind).abs() <= SAME_SURFACE * behind {
+            if (next - distance).abs() <= SAME_SURFACE * distance {
                 return (x, y);
             }
             // What was hidden in the picture before is behind what hid it.
             if next > farthest {
                 (found, farthest) = ((x, y), next);
             }
-            behind = next;
+            distance = next;
         }
         found
     }
 
-    /// What is known at a pixel of the picture before, if it shows the surface at this depth.
+    /// The light of what a pixel shows at a depth, if the picture before knows it.
     #[inline(always)]
-    fn at(&self, x: usize, y: usize, depth: f32) -> Option<[u8; 4]> {
-        let at = y * self.known.size[0] + x;
-        ((self.known.depth[at] - depth).abs() <= SAME_SURFACE * depth).then(|| self.known.light[at])
+    pub fn light(&self, x: usize, y: usize, depth: f32) -> Option<[u8; 4]> {
+        self.known.light_at(self.place(x, y, depth)?).map(|(_, light)| light)
+    }
+
+    /// The same, if both eyes are on one side of the surface: its other side has other light. `normals` are those of the
+    /// picture before, see `SeenLight::normals`.
+    #[inline(always)]
+    pub fn light_of_side(&self, normals: &[[i8; 4]], x: usize, y: usize, depth: f32) -> Option<[u8; 4]> {
+        let place = self.place(x, y, depth)?;
+        let (at, light) = self.known.light_at(place)?;
+        let toward = match self.sight.is_parallel {
+            true => -(self.turn * Vec3::Z),
+            false => self.offset - self.seen.place(place),
+        };
+        let [x, y, z, _] = normals[at].map(f32::from);
+        (Vec3::new(x, y, z).dot(toward) > 0.0).then_some(light)
     }
 }
 
@@ -301,8 +399,9 @@ pub fn stand_in(view: &View, depth: &[f32], color: &mut [[u8; 4]]) {
 pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32], color: &mut [[u8; 4]]) {
     let width = view.size[0] as usize;
     let stride = width + 2;
-    let before = Before::new(known, frame, view);
-    let [last_x, last_y] = known.size.map(|edge| edge - 1);
+    let seen = &*known.seen;
+    let before = Before::new(seen, frame);
+    let [last_x, last_y] = seen.size.map(|edge| edge - 1);
     let row = |(y, color): (usize, &mut [[u8; 4]])| {
         let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
         for (x, (color, depth)) in color.iter_mut().zip(depths).enumerate() {
@@ -310,18 +409,18 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
                 continue;
             }
             let Some((at_x, at_y, _)) = before.place(x, y, *depth) else { continue };
-            let (at_x, at_y) = before.place_of_image(x, y, *depth, (at_x, at_y));
+            let (at_x, at_y) = before.place_of_image(&known.behind, (x, y, *depth), (at_x, at_y));
             let (at_x, at_y) = (at_x - 0.5, at_y - 0.5);
             let (left, top) = (at_x.floor(), at_y.floor());
             let at = |x: f32, y: f32| {
-                y.clamp(0.0, last_y as f32) as usize * known.size[0] + x.clamp(0.0, last_x as f32) as usize
+                y.clamp(0.0, last_y as f32) as usize * seen.size[0] + x.clamp(0.0, last_x as f32) as usize
             };
             let shown = |texel: usize| {
                 let [red, green, blue, _] = known.shown[texel];
                 Vec3::new(f32::from(red), f32::from(green), f32::from(blue))
             };
             let square = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| at(left + x, top + y));
-            if square.iter().all(|texel| known.light[*texel][3] == REFLECTION) {
+            if square.iter().all(|texel| seen.light[*texel][3] == REFLECTION) {
                 let [a, b, c, d] = square.map(shown);
                 let (along, down) = (at_x - left, at_y - top);
                 let mean = a.lerp(b, along).lerp(c.lerp(d, along), down) + 0.5;
@@ -333,7 +432,7 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
             for (x, y) in (0..4).flat_map(|y| (0..4).map(move |x| (left + x as f32 - 1.0, top + y as f32 - 1.0))) {
                 let texel = at(x, y);
                 // Beside a mirror, what stands before it there is better than nothing.
-                let share = if known.light[texel][3] == REFLECTION { 1.0 } else { 1e-6 };
+                let share = if seen.light[texel][3] == REFLECTION { 1.0 } else { 1e-6 };
                 let weight = share * (1.0 - (x - at_x).abs()).max(1e-3) * (1.0 - (y - at_y).abs()).max(1e-3);
                 sum += weight * shown(texel);
                 weights += weight;
@@ -345,28 +444,36 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
     color.par_chunks_mut(width).with_min_len(8).enumerate().for_each(row);
 }
 
-/// Finds the coded light of each pixel of a view with these colours: what is known of it, or else what `later` knows, a
-/// coarser picture of a view that may be nearer to this one. `depth` has a border of one pixel; depths are infinite where
-/// nothing is seen. Light that is not known is that around it. Mirrors get none.
+/// Finds the coded light of each pixel of a view with these colours: what `known.light` knows of it, or else what the pictures
+/// before that knew, or else what `known.mirrors` knows, a coarser picture of a view that may be nearer to this one. `depth`
+/// has a border of one pixel; depths are infinite where nothing is seen. Light that is not known is that around it. Mirrors
+/// get none.
 pub fn spread(
-    known: &KnownLight,
-    later: Option<&KnownLight>,
+    (light, known): (&KnownLight, Known<'_>),
     frame: &FrameCamera,
-    view: &View,
+    size: [u32; 2],
     (depth, color): (&[f32], &[[u8; 4]]),
     lights: &mut Vec<[u8; 4]>,
 ) {
-    let [width, height] = view.size.map(|edge| edge as usize);
+    let [width, height] = size.map(|edge| edge as usize);
     let stride = width + 2;
     lights.resize(width * height, [0; 4]);
-    let before = Before::new(known, frame, view);
-    // Codes are roots of light that is brightened as the picture was.
-    let gain = later.map_or(1.0, |later| ((known.stops - later.stops) * 0.5).exp2());
-    let exposed = |[red, green, blue, kind]: [u8; 4]| {
+    let before = Before::new(&light.seen, frame);
+    let shown_as = |gain: f32, [red, green, blue, kind]: [u8; 4]| {
         let [red, green, blue] = [red, green, blue].map(|code| (f32::from(code) * gain + 0.5) as u8);
         [red, green, blue, kind]
     };
-    let later = later.map(|later| Before::new(later, frame, view));
+    let other = |seen| (Before::new(seen, frame), seen.gain(&light.seen));
+    let later = known.mirrors.filter(|later| !std::ptr::eq(*later, light)).map(|later| other(&*later.seen));
+    // Most of the pictures before show other places.
+    let tiles = (0..height).step_by(TILE).flat_map(|y| (0..width).step_by(TILE).map(move |x| (x, y)));
+    let sampled = tiles.map(|(x, y)| (x, y, depth[(y + 1) * stride + 1 + x]));
+    let sampled: Vec<_> = sampled.filter(|(x, y, depth)| before.light(*x, *y, *depth).is_none()).collect();
+    let knows = |((view, _), normals): &((Before<'_>, f32), &[[i8; 4]])| {
+        sampled.iter().any(|(x, y, depth)| view.light_of_side(normals, *x, *y, *depth).is_some())
+    };
+    let views = known.earlier.into_iter().flat_map(EarlierLight::views);
+    let earlier: Vec<_> = views.map(|(seen, normals)| (other(seen), normals)).filter(knows).collect();
     let rows = lights.par_chunks_mut(width).zip(color.par_chunks(width)).with_min_len(8).enumerate();
     rows.for_each(|(y, (lights, color))| {
         let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
@@ -375,15 +482,17 @@ pub fn spread(
                 *light = [0, 0, 0, NEEDS_NONE];
                 continue;
             }
-            let look_up = |before: &Before<'_>| {
-                let (x, y, seen) = before.place(x, y, *depth)?;
-                before.at(x as usize, y as usize, seen).filter(|light| light[3] == LIGHT)
+            let of_earlier = |((before, gain), normals): &((Before<'_>, f32), &[[i8; 4]])| {
+                before.light_of_side(normals, x, y, *depth).map(|light| shown_as(*gain, light))
             };
-            let found = look_up(&before).or_else(|| later.as_ref().and_then(look_up).map(exposed));
+            let of_later =
+                |(later, gain): &(Before<'_>, f32)| later.light(x, y, *depth).map(|light| shown_as(*gain, light));
+            let found = before.light(x, y, *depth).or_else(|| earlier.iter().find_map(of_earlier));
+            let found = found.or_else(|| later.as_ref().and_then(of_later));
             *light = found.unwrap_or([0, 0, 0, NOTHING]);
         }
     });
-    fill(known, [width, height], lights);
+    fill(light, [width, height], lights);
 }
 
 /// Gives pixels without light the mean of their tile and of those beside it.
@@ -407,7 +516,7 @@ fn fill(known: &KnownLight, [width, height]: [usize; 2], lights: &mut [[u8; 4]])
     };
     let mut means: Vec<[f32; 4]> = (0..tiles[1]).into_par_iter().flat_map_iter(mean).collect();
     // Tiles without light take that of the tiles around them, until there are none.
-    let lit = known.light.iter().step_by(97).filter(|light| light[3] == LIGHT);
+    let lit = known.seen.light.iter().step_by(97).filter(|light| light[3] == LIGHT);
     let all = lit.fold([0.0; 4], |sum: [f32; 4], light| std::array::from_fn(|part| sum[part] + f32::from(light[part])));
     while means.iter().any(|mean| mean[3] == 0.0) {
         if means.iter().all(|mean| mean[3] == 0.0) {

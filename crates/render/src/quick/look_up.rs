@@ -316,8 +316,7 @@ impl Pixels {
         let pixels = width * view.size[1] as usize;
         self.picture.resize(pixels, [0; 4]);
         if let Some(light) = known.light {
-            let later = known.mirrors.filter(|later| !std::ptr::eq(*later, light));
-            light::spread(light, later, frame, view, (&self.depth, &self.color), &mut self.lights);
+            light::spread((light, known), frame, view.size, (&self.depth, &self.color), &mut self.lights);
             let lit = Lit::new(light);
             let color = |(color, of_pixel): (&mut [u8; 4], &[u8; 4])| {
                 if of_pixel[3] != light::NEEDS_NONE {
