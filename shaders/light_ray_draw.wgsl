@@ -23,6 +23,8 @@
 // The number of the ray in its path.
 override bounce: u32 = 0u;
 override is_glossy: bool = false;
+// Set if the first path of the frame goes on from what light_ray_reuse has found.
+override reuses: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn light_ray_draw(@builtin(global_invocation_id) id: vec3u) {
@@ -34,7 +36,7 @@ fn light_ray_draw(@builtin(global_invocation_id) id: vec3u) {
     let index = id.y * frame.width + id.x;
     let from_camera = bounce == 0u;
     var path = LightPath();
-    if !from_camera || frame.sample > 0u {
+    if !from_camera || frame.sample > 0u || reuses {
         path = paths[index];
     }
     if from_camera {
@@ -43,18 +45,23 @@ fn light_ray_draw(@builtin(global_invocation_id) id: vec3u) {
         path.glossy.w = 0.0;
     }
     var is_alive = position.w > 0.0 && dot(surface.xyz, surface.xyz) > 0.0 && any(path.throughput.rgb > vec3f(0.0));
-    if !from_camera {
+    if from_camera {
+        is_alive = is_alive && path.count < f32(frame.samples);
+    } else {
         is_alive = is_alive && textureLoad(from_in, id.xy, 0).w > 0.0;
     }
     var point = vec4f(0.0);
     var eye = vec4f(0.0);
     if is_alive {
+        if from_camera {
+            path.count += 1.0;
+        }
         let normal = normalize(surface.xyz);
         var direction: vec3f;
         if path.glossy.w > 0.0 {
             direction = reflect(normalize(position.xyz - textureLoad(from_in, id.xy, 0).xyz), normal);
         } else {
-            let numbers = path_numbers(id.xy, bounce);
+            let numbers = path_numbers(id.xy, path.count, bounce);
             let turn = 6.2831853 * numbers.y;
             let tangent = tangent_of(normal);
             let sideways = tangent * cos(turn) + cross(normal, tangent) * sin(turn);

@@ -80,7 +80,7 @@ fn light_ray_sum(@builtin(global_invocation_id) id: vec3u) {
             // Behind the last ray that the cosine may draw, only mirrors go on; else chance chooses between both.
             let chance = select(reflected, 1.0, is_drawn_out && reflected > 0.0);
             var onward = vec3f(0.0);
-            let is_mirrored = path_numbers(id.xy, MIRRORED + bounce).x < chance;
+            let is_mirrored = path_numbers(id.xy, path.count, MIRRORED + bounce).x < chance;
             if is_mirrored {
                 onward = mirror_tint(settings, albedo.rgb, grazing) * reflected / chance;
             } else if !is_drawn_out {
@@ -93,7 +93,7 @@ fn light_ray_sum(@builtin(global_invocation_id) id: vec3u) {
     }
     paths[index] = path;
     if is_last {
-        let count = f32(frame.sample + 1u);
+        let count = max(path.count, 1.0);
         textureStore(diffuse_out, id.xy, vec4f(path.diffuse.rgb, min(path.nearness, 6e4 * count)) / count);
         if is_glossy {
             textureStore(glossy_out, id.xy, vec4f(path.glossy.rgb / count, 1.0));

@@ -229,6 +229,8 @@ elements! {
     mirror_average.nearest: NEAREST_REFLECTION_BYTES = 4;
     shade.shadows: SHADOW_TEXEL_BYTES = 8;
     indirect_reuse.kept: KEPT_LIGHT_BYTES = 16;
+    light_ray_reuse.kept: KEPT_PLACE_BYTES = 16;
+    light_ray_reuse.kept_light: KEPT_MEAN_BYTES = 16;
     vpl_aim.hits: AIM_HIT_BYTES = 4;
     vpl_shadow_splat.shadow_maps: VIRTUAL_TEXEL_BYTES = 4;
     exposure_histogram.histogram: EXPOSURE_COUNT_BYTES = 4;

@@ -2,15 +2,17 @@
 //! tree of discs, as `surfel_trace` does for mirrors. What a ray meets is lit by the scene's lights; where the path
 //! ends, the virtual lights add all further reflections. Mirrors reflect the rays that meet them. Rays that leave the
 //! scene find the sky. The sums grow from frame to frame while camera, points and light stand still, and are the same
-//! however many rays a frame adds.
+//! however many rays a frame adds. While the camera moves, each frame takes over the sums of the frame before, place by
+//! place, and goes on with them.
 
 use std::ops::Range;
 
 use scene::{Gi, Settings};
 
-use crate::gi::{Brought, tile_of};
+use crate::frame::FrameCamera;
+use crate::gi::{Brought, LightReuse, camera_before, tile_of};
 use crate::gpu::{Error, Gpu, Result};
-use crate::layout::LIGHT_PATH_BYTES;
+use crate::layout::{KEPT_MEAN_BYTES, KEPT_PLACE_BYTES, LIGHT_PATH_BYTES};
 use crate::loads::ray_tiles;
 use crate::passes;
 use crate::recorder::Recorder;
@@ -19,6 +21,7 @@ use crate::reflection::gather::Gather;
 use crate::reflection::surfel_index::SurfelIndex;
 use crate::reflection::surfel_trace;
 use crate::reflection::{Bounce, Search, Task};
+use crate::renderer::SummedLight;
 use crate::shading::{FrameLight, LIGHT_RAYS};
 use crate::targets::{Image, storage};
 
@@ -33,9 +36,22 @@ pub(crate) struct LightRays {
     diffuse: Image,
     /// Of one pixel until a surface has highlights.
     glossy: Image,
-    /// The number of rays of each pixel in the sums.
+    /// The number of rays of most pixels in the sums.
     summed: u32,
+    /// Whether the sums are those of the frame before and what was added to them.
+    has_taken: bool,
     state: u64,
+    kept: Option<KeptRays>,
+}
+
+/// The sums of a frame, for the next one while something moves.
+struct KeptRays {
+    /// The places where the rays began and their numbers, and their light: see shaders/light_ray_keep.wgsl.
+    places: wgpu::Buffer,
+    light: wgpu::Buffer,
+    /// The camera of the frame and what its light depends on, and whether the frame is finished.
+    of: (FrameCamera, SummedLight),
+    is_finished: bool,
 }
 
 /// The rays that a frame adds to the sums.
@@ -49,6 +65,9 @@ pub(crate) struct RayShare<'a> {
     pub mirrors: usize,
     /// The counters of reflections, which rays of light leave alone.
     pub counters: &'a wgpu::Buffer,
+    /// What the frame does with the sums of the frame before, and what its light depends on.
+    pub reuse: LightReuse,
+    pub source: SummedLight,
 }
 
 impl LightRays {
@@ -75,7 +94,9 @@ impl LightRays {
             diffuse: image("irradiance by rays", size, wgpu::TextureFormat::Rgba16Float),
             glossy: image("highlights by rays", [1, 1], wgpu::TextureFormat::Rgba16Float),
             summed: 0,
+            has_taken: false,
             state: 0,
+            kept: None,
         })
     }
 
@@ -113,17 +134,96 @@ impl LightRays {
             self.glossy = Image::new(&gpu.device, size, "highlights by rays", wgpu::TextureFormat::Rgba16Float);
         }
         let count = Self::bounces_of(&search.settings.gi) as usize * (1 + share.mirrors);
+        let is_first = share.numbers.start == 0;
+        if is_first {
+            self.has_taken = self.take(recorder, search, share)?;
+        }
+        let mut reuses = is_first && self.has_taken;
         for number in share.numbers.clone() {
             recorder.go_on()?;
             search.supply.set_sample(gpu, Some([number, share.total, 0]));
             for bounce in 0..count {
-                self.follow(recorder, search, light, index, (share, is_glossy), (bounce, bounce + 1 == count))?;
+                let place = (bounce, bounce + 1 == count);
+                self.follow(recorder, search, light, index, (share, is_glossy, reuses), place)?;
             }
+            reuses = false;
             self.state += 1;
         }
-        self.summed = share.numbers.end;
+        // Most pixels have the rays of the frames before, too.
+        self.summed = if self.has_taken { share.total } else { share.numbers.end };
+        self.keep(recorder, search, share)?;
         recorder.time_as(None);
         Ok(())
+    }
+
+    /// Takes over the sums of the frame before if its light is the same. Returns whether it is.
+    fn take(&self, recorder: &mut Recorder<'_>, search: &Search<'_>, share: &RayShare<'_>) -> Result<bool> {
+        let Search { supply, camera, .. } = search;
+        let Some(KeptRays { places, light, of: (before, source), is_finished: true }) = &self.kept else {
+            return Ok(false);
+        };
+        if share.reuse != LightReuse::Reuse || *source != share.source {
+            return Ok(false);
+        }
+        recorder.time_as(Some(LIGHT_RAYS));
+        let before = camera_before(recorder.gpu, before, &supply.camera);
+        let bindings = passes::light_ray_reuse {
+            albedo_in: camera.albedo.bind(),
+            normal_in: camera.normal.bind(),
+            position_in: camera.position.bind(),
+            before: before.as_entire_binding(),
+            kept: places.as_entire_binding(),
+            kept_light: light.as_entire_binding(),
+            paths: self.paths.as_entire_binding(),
+        };
+        recorder.over_pixels(&[], supply, bindings)?;
+        Ok(true)
+    }
+
+    /// Keeps the sums for the next frame. If the frame is given up after that, they are lost.
+    fn keep(&mut self, recorder: &mut Recorder<'_>, search: &Search<'_>, share: &RayShare<'_>) -> Result<()> {
+        let before = self.kept.take();
+        if share.reuse == LightReuse::Never {
+            return Ok(());
+        }
+        let pixels = self.size().iter().map(|edge| u64::from(*edge)).product::<u64>();
+        let buffer = |label, bytes| storage(&recorder.gpu.device, label, bytes);
+        let buffers = before.map(|before| [before.places, before.light]);
+        let buffers = buffers.filter(|[places, _]| places.size() == pixels * KEPT_PLACE_BYTES);
+        let [places, light] = buffers.unwrap_or_else(|| {
+            [buffer("places of rays", pixels * KEPT_PLACE_BYTES), buffer("light of rays", pixels * KEPT_MEAN_BYTES)]
+        });
+        let bindings = passes::light_ray_keep {
+            position_in: search.camera.position.bind(),
+            paths: self.paths.as_entire_binding(),
+            kept: places.as_entire_binding(),
+            kept_light: light.as_entire_binding(),
+        };
+        recorder.over_pixels(&[], &search.supply, bindings)?;
+        let of = (search.supply.camera, share.source.clone());
+        self.kept = Some(KeptRays { places, light, of, is_finished: false });
+        Ok(())
+    }
+
+    /// Records that the frame is finished, so that the next one may take its sums.
+    pub fn finish(&mut self) {
+        if let Some(kept) = &mut self.kept {
+            kept.is_finished = true;
+        }
+    }
+
+    /// Forgets the sums of earlier frames.
+    pub fn forget(&mut self) {
+        self.kept = None;
+    }
+
+    /// Rays for a picture of another size, which may take over the sums of the frame before.
+    ///
+    /// # Errors
+    /// See `new`.
+    pub fn resized(self, gpu: &Gpu, size: [u32; 2]) -> Result<Self> {
+        let kept = self.kept;
+        Ok(Self { kept, ..Self::new(gpu, size)? })
     }
 
     /// Follows one ray of each path, and adds the light that it finds.
@@ -133,7 +233,7 @@ impl LightRays {
         search: &Search<'_>,
         light: &mut FrameLight<'_>,
         index: &mut SurfelIndex,
-        (share, is_glossy): (&RayShare<'_>, bool),
+        (share, is_glossy, reuses): (&RayShare<'_>, bool, bool),
         (bounce, is_last): (usize, bool),
     ) -> Result<()> {
         let Search { supply, settings, store, mirrors, formulas, camera, .. } = search;
@@ -153,7 +253,12 @@ impl LightRays {
             eye_out: this.mirror.eye.bind(),
         };
         let tile = Self::window(&settings.gi, share.total);
-        let switches = [("bounce", bounce as u32), ("tile", tile), ("is_glossy", u32::from(is_glossy))];
+        let switches = [
+            ("bounce", bounce as u32),
+            ("tile", tile),
+            ("is_glossy", u32::from(is_glossy)),
+            ("reuses", u32::from(reuses)),
+        ];
         recorder.over_pixels(&switches, supply, bindings)?;
 
         let task = Task {
@@ -224,7 +329,8 @@ impl LightRays {
 
     pub fn bytes(&self) -> u64 {
         let images = [&self.straight, &self.diffuse, &self.glossy].map(Image::bytes).iter().sum::<u64>();
-        self.gather.bytes() + self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.paths.size() + images
+        let kept = self.kept.as_ref().map_or(0, |kept| kept.places.size() + kept.light.size());
+        self.gather.bytes() + self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.paths.size() + images + kept
     }
 }
 

@@ -420,6 +420,11 @@ passes! {
         direct_in: Texture, indirect_in: Texture, paths: ReadWrite, diffuse_out: Write(Rgba16Float),
         glossy_out: Write(Rgba16Float),
     }
+    light_ray_reuse: Light over Pixels {
+        albedo_in: Texture, normal_in: Texture, position_in: Texture, before: Uniform, kept: Read, kept_light: Read,
+        paths: ReadWrite,
+    }
+    light_ray_keep: Light over Pixels { position_in: Texture, paths: Read, kept: ReadWrite, kept_light: ReadWrite }
     photon_start: Light over Pixels {
         beams: Read, run: Uniform, powers: ReadWrite, point_out: Write(Rgba32Float), eye_out: Write(Rgba32Float),
     }

@@ -274,6 +274,8 @@ impl Renderer {
 
 #[cfg(test)]
 mod tests {
+    use scene::IndirectBy;
+
     use super::*;
     use crate::Gpu;
 
@@ -298,7 +300,9 @@ mod tests {
             inner_degrees: 50.0,
             outer_degrees: 60.0,
         };
-        for (method, lights, as_points) in [(Method::SscrHierarchical, 1, false), (Method::Sscr, 0, true)] {
+        let by = [IndirectBy::Lights, IndirectBy::Rays];
+        let methods = [(Method::SscrHierarchical, 1, false), (Method::Sscr, 0, true)];
+        for ((method, lights, as_points), by) in methods.into_iter().zip(by) {
             let samples = store.add_cloud(Material {
                 specular_intensity: 1.0,
                 // Points of glass, then a formula of it.
@@ -314,6 +318,7 @@ mod tests {
             let mut settings = Settings::default();
             settings.reflection.method = method;
             settings.gi.vpls = 16;
+            (settings.gi.by, settings.gi.rays_per_pixel) = (by, 2);
             let (mirrors, lights) = ([mirror.clone()], vec![lamp; lights]);
             let objects = Objects {
                 mirrors: &mirrors,

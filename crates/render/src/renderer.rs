@@ -33,7 +33,7 @@ use crate::targets::{Image, Targets, storage};
 use chapters::Samples;
 use plan::{Before, Plan, PointInputs, SurfaceInputs};
 
-pub(crate) use plan::{Lit, Summed};
+pub(crate) use plan::{Lit, Summed, SummedLight};
 pub use request::{Effort, Frame};
 pub use stats::FrameStats;
 
@@ -158,6 +158,9 @@ impl Renderer {
             reflections.forget_hits();
         }
         self.gi.keeper.forget();
+        if let Some(rays) = &mut self.light_rays {
+            rays.forget();
+        }
         self.caustics.forget();
         self.exposure.is_used = false;
     }
@@ -303,6 +306,9 @@ impl Renderer {
         let times =
             recorder.finish_frame(&mut self.handed, &reflections.counters, &exposure.fitted, &targets.picture)?;
         gi.keeper.finish();
+        if let Some(rays) = kept {
+            rays.finish();
+        }
         Ok(Record { times, shadows, samples, rays })
     }
 

@@ -15,7 +15,7 @@ macro_rules! embedded {
 
 const SHARED: &[(&str, &str)] = embedded! {
     accumulate analytic asked_texels beam blocks brdf bundle camera_root camera_tree color counters cube_faces cubemaps depth_step depth_texel depth_walk direction_step exposure finite frame
-    frame_group gloss gloss_pixel hash heat hit kept_light large_discs light light_path light_field light_field_maps light_view lobe mirror_formula
+    frame_group gloss gloss_pixel hash heat hit kept_light kept_place large_discs light light_path light_field light_field_maps light_view lobe mirror_formula
     mirror_places mirror_ray mirror_space mirror_splat mirror_sums nearest_point ordered packing page_group params photons
     point_surface refraction region root_finding run scan screen screen_box screen_layout splat surfel_rays surfel_tree texel_of_point tile_labels
     tone visibility vpl vpl_of_surface vpl_transfer

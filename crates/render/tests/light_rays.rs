@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, STRAY_RADIUS};
 use glam::{DVec3, Vec3};
-use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
+use render::{Aov, Frame, FrameStats, LightReuse, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
@@ -312,4 +312,61 @@ fn a_still_picture_has_the_same_bits_however_many_rays_a_frame_adds_and_then_kee
     // Virtual lights in their place know nothing of them.
     let by_lights = settings(&[("gi.vpls", "64")]);
     assert_eq!(draw(&by_lights, Some(3)).0, [0, 0]);
+}
+
+#[test]
+fn a_moving_camera_takes_over_the_rays_of_the_frames_before() {
+    let mut stage = stage_or_skip!();
+    let chunks = five_mirrors::sample(Variant::None, 60_000, 1).into_iter().flat_map(|part| part.chunks).collect();
+    let store = store_of(&stage, chunks, Material::default());
+    let lights = [five_mirrors::light()];
+    let settings =
+        settings(&[("gi.by", "rays"), ("gi.rays_per_pixel", "32"), ("gi.vpls", "64"), ("edl.strength", "0")]);
+    let start = five_mirrors::camera();
+    // Steps of about half a pixel at the back wall, and then beside where the camera has been.
+    let at = |step: u32| {
+        let shift = DVec3::new(0.02, 0.008, 0.0) * f64::from(step);
+        Camera { eye: start.eye + shift, pivot: start.pivot + 0.5 * shift, up: start.up }
+    };
+    let draw = |stage: &mut Stage, step: u32, reuse: LightReuse, most_samples: Option<u32>| {
+        (stage.effort.light_reuse, stage.effort.most_samples) = (reuse, most_samples);
+        render(stage, &store, &at(step), &settings, &lights);
+        (read(stage, Aov::Indirect), stage.renderer.read_picture().unwrap())
+    };
+    let mean = |light: &[DVec3]| {
+        let seen: Vec<f64> = light.iter().filter(|light| !light.is_nan()).map(|light| light.element_sum()).collect();
+        seen.iter().sum::<f64>() / seen.len() as f64
+    };
+    let drag = |stage: &mut Stage, reuse: LightReuse| {
+        let (mut light, _) = draw(stage, 0, LightReuse::Keep, None);
+        for step in 1..=12 {
+            (light, _) = draw(stage, step, reuse, Some(1));
+        }
+        light
+    };
+    let [taken, single] = [LightReuse::Reuse, LightReuse::Keep].map(|reuse| drag(&mut stage, reuse));
+    let (still, picture) = draw(&mut stage, 12, LightReuse::Keep, None);
+    // The relative RMSE and the median error. The picture is so coarse that whole pixels lie on the edges of walls.
+    let errors = |light: &[DVec3]| {
+        let seen = light.iter().zip(&still).filter(|(a, b)| !a.is_nan() && !b.is_nan());
+        let mut errors: Vec<f64> = seen.map(|(a, b)| (*a - *b).element_sum().abs() / mean(&still)).collect();
+        errors.sort_by(f64::total_cmp);
+        let square = errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64;
+        [square.sqrt(), errors[errors.len() / 2]]
+    };
+    let [[taken_rmse, taken_median], [single_rmse, single_median]] = [errors(&taken), errors(&single)];
+    println!("{taken_rmse}, {taken_median} with and {single_rmse}, {single_median} without the frames before");
+    assert!(taken_rmse < 0.5 * single_rmse && taken_median < 0.05 && single_median > 0.1);
+    let ratio = mean(&taken) / mean(&still);
+    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+    // Moving leaves no trace in still pictures.
+    stage.renderer.forget();
+    assert!(draw(&mut stage, 12, LightReuse::Never, None).1 == picture);
+    // Another light needs rays of its own.
+    draw(&mut stage, 0, LightReuse::Keep, None);
+    let brighter = SpotLight { intensity: lights[0].intensity.map(|part| 2.0 * part), ..lights[0] };
+    (stage.effort.light_reuse, stage.effort.most_samples) = (LightReuse::Reuse, Some(1));
+    render(&mut stage, &store, &at(1), &settings, &[brighter]);
+    let ratio = mean(&read(&stage, Aov::Indirect)) / mean(&still);
+    assert!((ratio - 2.0).abs() < 0.2, "{ratio}");
 }

@@ -58,6 +58,12 @@ pub(crate) struct Taken {
     pub tiles: Option<wgpu::Buffer>,
 }
 
+/// The camera of the frame before on the GPU, as shaders/shared/kept_place.wgsl has it.
+pub(crate) fn camera_before(gpu: &Gpu, before: &FrameCamera, now: &FrameCamera) -> wgpu::Buffer {
+    let moved = (now.eye - before.eye).as_vec3();
+    uniform_buffer(gpu, bytemuck::bytes_of(&Frame { clip: Vec4::from((moved, 0.0)), ..before.to_gpu() }))
+}
+
 impl Keeper {
     /// Prepares a frame that keeps its light, and takes over light for it if it may. `window` is the edge of the window
     /// in pixels over which light is averaged. Returns `None` if the frame keeps no light.
@@ -86,9 +92,7 @@ impl Keeper {
         let groups = inputs.pixel_groups();
         let tiles = storage(&gpu.device, "tiles to light", u64::from(groups[0]) * u64::from(groups[1]) * 4);
         recorder.clear(&tiles);
-        let moved = (inputs.camera.eye - before.camera.eye).as_vec3();
-        let camera = Frame { clip: Vec4::from((moved, 0.0)), ..before.camera.to_gpu() };
-        let camera = uniform_buffer(gpu, bytemuck::bytes_of(&camera));
+        let camera = camera_before(gpu, &before.camera, &inputs.camera);
         let bindings = passes::indirect_reuse {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),

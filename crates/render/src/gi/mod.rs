@@ -33,6 +33,7 @@ use crate::store::PointStore;
 use crate::store::draw_list::Selection;
 use crate::targets::{Image, storage, uniform_buffer};
 pub use kept::LightReuse;
+pub(crate) use kept::camera_before;
 use kept::{HURRIED_PARTS, Keeper};
 use near::Near;
 use plan::LightPlan;

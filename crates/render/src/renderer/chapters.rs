@@ -163,12 +163,14 @@ pub(super) fn light_rays(
         return Ok(None);
     }
     let gpu = recorder.gpu;
-    let (rays, before) = match kept.take().filter(|rays| rays.size() == targets.size) {
-        Some(rays) => (rays, before),
+    let (rays, before) = match kept.take() {
+        Some(rays) if rays.size() == targets.size => (rays, before),
+        Some(rays) => (rays.resized(gpu, targets.size)?, None),
         None => (LightRays::new(gpu, targets.size)?, None),
     };
     let rays = kept.insert(rays);
-    let mut sums = plan.sums(before, [gi.generation(), thrown.map(|thrown| thrown.generation)]);
+    let generations = [gi.generation(), thrown.map(|thrown| thrown.generation)];
+    let mut sums = plan.sums(before, generations);
     let numbers = sums.samples..plan.end_of_samples(sums.samples, plan.rays);
     if numbers.is_empty() {
         return Ok(Some(sums));
@@ -208,6 +210,8 @@ pub(super) fn light_rays(
         has_sky: plan.sky.is_some(),
         mirrors: if store.has_mirrors() || !with_mirrors { Reflections::asked(settings) } else { 0 },
         counters,
+        reuse: plan.effort.light_reuse,
+        source: plan.reusable(generations),
     };
     rays.add(recorder, &mut search, &mut light, &mut methods.index, &share)?;
     sums.samples = numbers.end;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use cloud::Bounds;
 use glam::DVec3;
-use scene::{IndirectBy, Lighting, Method, Mirror, MirrorSettings, Settings, Show, Tone};
+use scene::{IndirectBy, Lighting, Method, Mirror, MirrorSettings, Reflection, Settings, Show, Tone};
 
 use super::request::{Effort, Frame};
 use crate::frame::{FrameCamera, Objects};
@@ -98,7 +98,7 @@ impl SurfaceInputs {
 
 /// The light of the samples that are summed so far.
 #[derive(Clone, PartialEq)]
-struct SummedLight {
+pub(crate) struct SummedLight {
     /// The settings that affect shading; the others are at their defaults.
     settings: Settings,
     lights: Vec<MappedLight>,
@@ -292,6 +292,15 @@ impl<'a> Plan<'a> {
             generations,
             reuse: self.effort.light_reuse,
         }
+    }
+
+    /// What light by rays that may be taken over depends on. What pictures in motion spare for reflections hardly changes it.
+    pub fn reusable(&self, generations: [Option<u64>; 2]) -> SummedLight {
+        let mut light = self.light(generations);
+        let Reflection { bounces, samples, .. } = Reflection::default();
+        (light.settings.reflection.bounces, light.settings.reflection.samples) = (bounces, samples);
+        light.reuse = LightReuse::Reuse;
+        light
     }
 
     /// What the samples of the frame add to, where `before` is what the frame before has summed, with the generations of the

@@ -208,7 +208,7 @@ const LOOPS: &[(&str, &[f64])] = &[
     ("indirect_filter", &[16.0]),
     ("reach", &[16.0]),
     ("indirect_reuse", &[2.0, 2.0]),
-    ("light_of", &[20.0]),
+    ("kept_pixel", &[20.0]),
     ("shade", &[4.0]),
     // Half of the photons that are listed for a place, in all about five times as many as shine on it: those of few places
     // are all walked by each pixel. The beams of a lamp toward five mirrors.
