@@ -82,8 +82,9 @@ pub(crate) struct Stage {
     light_reuse: LightReuse,
 }
 
-/// The size of the picture of a rehearsal: a workgroup.
-const STAGE_SIZE: [u32; 2] = [8, 8];
+/// The size of the picture of a rehearsal: within a workgroup, and no power of two. Mesa's software Vulkan compiles a pass for
+/// textures whose edges are powers of two, and once more for others, as most pictures are.
+const STAGE_SIZE: [u32; 2] = [7, 7];
 
 /// How many rehearsals are known before all are forgotten; a slider makes one for each number.
 const MOST_PREPARED: usize = 32;
