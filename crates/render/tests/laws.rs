@@ -260,10 +260,11 @@ fn ends(field: &Field) -> Vec<Value> {
 }
 
 /// Whether a method's picture may differ where a parameter of a group does. Parameters of light and display affect all
-/// methods alike, and are tried with the one that `auto` resolves to.
+/// methods alike, and are tried with the one that `auto` resolves to. Colours are laid on the points, 8 bits each, before
+/// a picture is drawn of them: no picture of a scene that has its points differs by the parameters of colour.
 fn concerns(method: &MethodRow, group: &Group, field: &Field) -> bool {
     let is_others = METHODS.iter().any(|row| row.group == Some(group.name) && row.name != method.name);
-    let is_drawn = field.affects.found || field.affects.shading || field.affects.view;
+    let is_drawn = group.name != "color" && (field.affects.found || field.affects.shading || field.affects.view);
     is_drawn && !is_others && (field.affects.found || method.method == Method::Auto.chosen())
 }
 
@@ -302,7 +303,9 @@ fn finite_at_every_end_of_every_parameter() {
                     };
                     let text = field.format(&end);
                     settings.reflection.bounces = if has_samples { 1 } else { 2 };
-                    let is_small = has_samples || group.name == "gloss";
+                    // Rays of light go on from each pixel for bounce after bounce.
+                    let has_rays = group.name == "gi" && field.name.starts_with("ray");
+                    let is_small = has_samples || has_rays || group.name == "gloss";
                     let size = if is_small { SIZE.map(|side| side / 2) } else { SIZE };
                     if !field.affects.found {
                         // Light of all kinds, with few virtual lights.
@@ -312,7 +315,6 @@ fn finite_at_every_end_of_every_parameter() {
                         (settings.gi.shadow_points, settings.gi.shadow_size) = (256, 16);
                         settings.gi.rays_per_pixel = 8;
                     }
-                    let has_rays = group.name == "gi" && field.name.starts_with("ray");
                     if has_rays {
                         // Where virtual lights shine, rays count for nothing; no ray goes on for more bounces than light.
                         (settings.gi.by, settings.gi.bounces) = (IndirectBy::Rays, 4);
