@@ -146,6 +146,8 @@ pub(crate) fn splat_of_maps(settings: &Settings) -> Splat {
         min_pixels: settings.splat.min_pixels.max(3.0),
         // The maps do not depend on the picture's quality, which changes whenever the camera begins to move.
         quality: Quality::Nearest,
+        // Light sees all points.
+        step: 1,
         ..settings.splat.clone()
     }
 }

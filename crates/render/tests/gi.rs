@@ -406,6 +406,12 @@ fn a_frame_that_forgets_all_but_shadow_maps_draws_all_but_those_and_the_same_pic
         assert_eq!(drawn, others.map(|pass| pass.name).collect::<Vec<_>>());
         assert!(passes.len() < whole.len() && again == picture);
     }
+    // Light sees all points, whatever the camera sees of them.
+    let mut thinned = traced.clone();
+    thinned.splat.step = 8;
+    let [(kept, picture), (drawn, again)] = [true, false].map(|keeps_maps| draw(&thinned, keeps_maps));
+    assert!(drawn.iter().any(|pass| pass.is_of_shadow_maps()) && picture == again);
+    assert!(kept.iter().all(|pass| !pass.is_of_shadow_maps()), "{kept:?}");
 }
 
 #[test]
