@@ -14,7 +14,7 @@ pub const METHOD: &str = "reflection.method";
 /// The beginning of the keys of indirect light.
 const LIGHT: &str = "gi.";
 
-/// The values that are tried of each parameter besides the one that it has.
+/// The values that are tried of each parameter besides the one that it has. Those that need other shadow maps come last.
 const LEVERS: [(&str, &[&str]); 8] = [
     ("view.resolution", &["0.75", "0.5", "0.25"]),
     ("splat.step", &["2", "8"]),
@@ -22,8 +22,8 @@ const LEVERS: [(&str, &[&str]); 8] = [
     ("mirror.surface", &["exact"]),
     ("reflection.bounces", &["1"]),
     ("gi.bounces", &["0", "1"]),
-    ("gi.vpls", &["1024", "128", "64", "32", "16"]),
     ("gi.interleave", &["1", "2", "8"]),
+    ("gi.vpls", &["1024", "128", "64", "32", "16"]),
 ];
 
 /// What the still picture's settings change besides.
@@ -38,6 +38,9 @@ pub fn may_change(key: &str) -> bool {
 
 /// Times of equal work differ by some hundredths.
 const NOISE: f64 = 1.05;
+
+/// The errors of views before may be so many times those of this one.
+const DOUBT: f64 = 3.0;
 
 /// The squares of errors, or parts of them: of the colours of mirrors, of those of the rest, and of pixels.
 pub type Squares = [f64; 3];
@@ -267,7 +270,35 @@ pub fn correct(changes: &mut [Change], combination: &Combination, measured: Squa
 
 /// The error of a combination, from the squares without any change: of colours the worse of mirrors and of the rest.
 pub fn predicted_error(target: Target, base: Squares, squares: Squares) -> f64 {
-    let [mirrors, rest, pixels] = std::array::from_fn(|part| (base[part] + squares[part]).max(0.0).sqrt());
+    error_of(target, std::array::from_fn(|part| base[part] + squares[part]))
+}
+
+/// The least error that a combination may have in this view: changes that are `open` may add the [`DOUBT`]th part of what
+/// they added to the errors of views before. What a change improves is a part of the error without any change.
+pub fn least_error(
+    target: Target,
+    base: Squares,
+    (combination, changes): (&Combination, &[Change]),
+    is_open: impl Fn(usize) -> bool,
+) -> f64 {
+    let least = |part: usize| {
+        let squares = combination.changes.iter().map(|index| (*index, changes[*index].squares[part]));
+        let (mut left, mut added) = (base[part], 0.0);
+        for (index, square) in squares {
+            match square > 0.0 {
+                true if is_open(index) => added += square / (DOUBT * DOUBT),
+                true => added += square,
+                false => left += square,
+            }
+        }
+        left.max(0.0) + added
+    };
+    error_of(target, std::array::from_fn(least))
+}
+
+/// The error of these squares.
+fn error_of(target: Target, squares: Squares) -> f64 {
+    let [mirrors, rest, pixels] = squares.map(|square| square.max(0.0).sqrt());
     match target {
         Target::Pixels(_) => pixels,
         Target::Milliseconds(_) | Target::DeltaE(_) => f64::max(mirrors, rest),
@@ -320,6 +351,19 @@ mod tests {
         // Equal in all that counts: both stay, whatever the clock says.
         let equal = vec![method(BEAMS, 0.0, 0.0, 30.0), method(TRACE, 0.0, 0.0, 30.5)];
         assert_eq!(without_dominated(equal, Target::Pixels(1.0)).0, [""; 0]);
+    }
+
+    #[test]
+    fn what_a_change_improves_makes_up_for_nothing_that_others_add() {
+        let changes = [
+            change(&[("mirror.surface", "exact")], [-90.0, 0.0, 0.0], 0.0),
+            change(&[(METHOD, MAP)], [36.0, 0.0, 0.0], 0.0),
+        ];
+        let combination = Combination { settings: Settings::default(), changes: vec![0, 1] };
+        let least = |is_open: bool| {
+            least_error(Target::DeltaE(1.0), [90.0, 1.0, 0.0], (&combination, &changes), |index| index == 1 && is_open)
+        };
+        assert_eq!((least(false), least(true)), (6.0, 2.0));
     }
 
     #[test]

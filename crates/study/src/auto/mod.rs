@@ -26,8 +26,8 @@ use render::{FrameStats, PassTime, Renderer};
 use scene::{Camera, Method, Settings};
 
 use self::changes::{
-    Change, Combination, Kind, METHOD, Squares, changes_of, combinations, correct, differing, predicted_error,
-    squares_of, without_dominated,
+    Change, Combination, Kind, METHOD, Squares, changes_of, combinations, correct, differing, least_error,
+    predicted_error, squares_of, without_dominated,
 };
 pub use self::changes::{KnownErrors, may_change};
 use self::search::{Drawn, Search, Unchanged, is_no_choice, slow};
@@ -165,7 +165,20 @@ struct Judged {
     still: Still,
     /// The picture with the base's settings, and the still picture if its time is known.
     drawn: Vec<Drawn>,
+    /// The view in the size in which changes are tried; `None` in place of its still picture if that is `still`.
+    unchanged: Unchanged,
+    small_still: Option<Still>,
+    /// The changes that were tried.
     changes: Vec<Change>,
+    /// Those that were not, with what they added to the squares of the errors of views before.
+    open: Vec<(Change, Option<Squares>)>,
+}
+
+impl Judged {
+    /// The still picture in the size in which changes are tried.
+    fn small_still(&self) -> &Still {
+        self.small_still.as_ref().unwrap_or(&self.still)
+    }
 }
 
 /// A combination that was drawn in full.
@@ -181,6 +194,14 @@ struct Tried {
     errors: Option<StillError>,
     /// Whether its time was measured twice.
     is_sure: bool,
+}
+
+/// What was drawn in full for a target, and what that took.
+#[derive(Default)]
+struct Full {
+    tried: Vec<Tried>,
+    seconds: f64,
+    frames: usize,
 }
 
 impl Tried {
@@ -216,7 +237,7 @@ impl Explored {
         let mut local = hands.model.clone();
         local.fade(OTHER_SCENES);
         let mut search = Search { camera, hands, local, frames: 0 };
-        let stats = search.timed(&base, size, (0.0, f64::INFINITY))?;
+        let stats = search.timed(&base, size, f64::INFINITY)?;
         let of_base = drawn_size(size, &base);
         let work = Workload::of(&stats, &base, of_base);
         let shown = Shown::read(search.hands.renderer, camera, &base, of_base)?;
@@ -264,62 +285,163 @@ impl Explored {
     ///
     /// # Errors
     /// Those of [`choose`].
-    pub fn first(&self, target: Target, hands: &mut Hands<'_, '_>) -> anyhow::Result<Option<Choice>> {
-        self.expected.as_ref().map(|expected| self.search(target, None, expected, hands)).transpose()
+    pub fn first(&mut self, target: Target, hands: &mut Hands<'_, '_>) -> anyhow::Result<Option<Choice>> {
+        let Some(expected) = self.expected.clone() else { return Ok(None) };
+        let error = predicted_error(target, expected.0, Squares::default());
+        let tried = vec![Tried::new(&self.base, self.milliseconds, error, None)];
+        self.search(target, None, &expected, &mut Full { tried, ..Full::default() }, hands).map(Some)
     }
 
-    /// Chooses settings for a target.
+    /// Chooses settings for a target. Changes are tried only if they may be part of the choice by the times and errors of
+    /// views before. Where the best that was found shows that others may be, too, these are tried, and it goes on.
     ///
     /// # Errors
     /// Those of [`choose`].
     pub fn choose(&mut self, target: Target, hands: &mut Hands<'_, '_>) -> anyhow::Result<Choice> {
-        let judged = match self.judged.take() {
+        let mut judged = match self.judged.take() {
             Some(judged) => judged,
             None => self.judge(hands)?,
         };
-        let known = (squares_of(&judged.drawn[0].error), judged.changes.clone());
-        let choice = self.search(target, Some(&judged), &known, hands);
-        self.judged = Some(judged);
-        choice
+        let tried = judged.drawn.iter().map(|drawn| Tried::of(target, drawn)).collect();
+        let mut full = Full { tried, ..Full::default() };
+        let mut wanted = self.open(target, &judged, None);
+        loop {
+            self.try_open(&mut judged, &wanted, hands)?;
+            let known = (squares_of(&judged.drawn[0].error), judged.changes.clone());
+            let choice = self.search(target, Some(&judged), &known, &mut full, hands)?;
+            wanted = self.open(target, &judged, Some(best(target, &full.tried).0));
+            if wanted.is_empty() {
+                self.judged = Some(judged);
+                return Ok(choice);
+            }
+        }
     }
 
-    /// Draws the still picture, the picture with the settings as they are, and a small picture of each change.
+    /// Draws the still picture, and what changes are compared with.
     fn judge(&mut self, hands: &mut Hands<'_, '_>) -> anyhow::Result<Judged> {
         let start = Instant::now();
+        let open = |change: &Change| (change.clone(), hands.model.errors.of(&self.kind, &self.base, Some(change)));
+        let open = self.changes.iter().map(open).collect();
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
-        let (size, small, exact) = (self.size, small(self.size), self.still_settings.reflection.method);
-        let (of_small, milliseconds) = search.still(&self.still_settings, small)?;
-        let (error, passes) = match size == small {
-            true => (of_small.error_of(&self.shown), self.passes.clone()),
-            false => search.base_of_small(&self.base, &of_small, small)?,
-        };
-        let (base, work, squares) = (&self.base, &self.work, squares_of(&error));
-        let unchanged = Unchanged { settings: base, work, still: &of_small, size: small, squares, passes };
-        let changes = search.measured(&unchanged, &self.changes, exact)?;
-        let (error, still, milliseconds) = match size == small {
-            true => (error, of_small, milliseconds),
+        let (size, small) = (self.size, small(self.size));
+        let (of_small, milliseconds, maps) = search.still(&self.still_settings, small, None)?;
+        let (still, small_still, milliseconds) = match size == small {
+            true => (of_small, None, milliseconds),
             false => {
-                let (still, milliseconds) = search.still(&self.still_settings, size)?;
-                (still.error_of(&self.shown), still, milliseconds)
+                let (still, milliseconds, _) = search.still(&self.still_settings, size, Some(&maps))?;
+                (still, Some(of_small), milliseconds)
             }
         };
-        search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&error), &changes);
+        let error = still.error_of(&self.shown);
         let mut drawn = vec![Drawn { settings: self.base.clone(), milliseconds: self.milliseconds, error }];
         if let (Some(milliseconds), Some(settings)) = (milliseconds, self.still_choice.clone()) {
             drawn.push(Drawn { settings, milliseconds, error: still.none() });
         }
+        let (error, passes) = match &small_still {
+            None => (error, self.passes.clone()),
+            Some(still) => search.base_of_small(&self.base, still, small)?,
+        };
+        let (settings, squares) = (self.base.clone(), squares_of(&error));
+        let unchanged = Unchanged { settings, work: self.work, size: small, squares, passes };
         (self.local, self.frames) = (search.local, search.frames);
         self.seconds += start.elapsed().as_secs_f64();
-        Ok(Judged { still, drawn, changes })
+        Ok(Judged { still, drawn, unchanged, small_still, changes: Vec::new(), open })
+    }
+
+    /// Draws a small picture of each of the changes that are `wanted`.
+    fn try_open(&mut self, judged: &mut Judged, wanted: &[Change], hands: &mut Hands<'_, '_>) -> anyhow::Result<()> {
+        let start = Instant::now();
+        let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
+        let exact = self.still_settings.reflection.method;
+        let found = search.measured(&judged.unchanged, judged.small_still(), wanted, exact)?;
+        search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&judged.drawn[0].error), &found);
+        (self.local, self.frames) = (search.local, search.frames);
+        judged.open.retain(|(open, _)| wanted.iter().all(|wanted| wanted.set != open.set));
+        judged.changes.extend(found);
+        // Combinations take the changes of a parameter together.
+        let place = |change: &Change| self.changes.iter().position(|own| own.set == change.set);
+        judged.changes.sort_by_key(place);
+        let costs = self.local.costs();
+        for change in &mut judged.changes {
+            change.milliseconds = self.expected_time(&costs, &change.of(&self.base)).unwrap_or(f64::INFINITY);
+        }
+        self.seconds += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// The milliseconds that a frame with other settings is expected to take.
+    fn expected_time(&self, costs: &Costs, settings: &Settings) -> Option<f64> {
+        costs.predict(&self.work.with(&self.base, settings), settings)
+    }
+
+    /// The changes that were not tried yet and may be part of the choice: those of which nothing is known, and those of a
+    /// combination that may be better than the best one that was `found`, or is expected, if its changes add less to the
+    /// errors than they did in views before ([`least_error`]), with what lies between.
+    fn open(&self, target: Target, judged: &Judged, found: Option<&Tried>) -> Vec<Change> {
+        let costs = self.local.costs();
+        let is_slow = slow(&costs, (&self.base, &self.work), self.still_settings.reflection.method, small(self.size));
+        let is_of_target = |change: &Change| !matches!(target, Target::Pixels(_)) || !change.is_of_light();
+        let open = judged.open.iter().filter(|(change, _)| is_of_target(change) && !is_slow(change));
+        let (mut wanted, mut known, mut all) = (Vec::new(), Vec::new(), judged.changes.clone());
+        for (change, squares) in open {
+            let settings = change.of(&self.base);
+            match (squares, self.expected_time(&costs, &settings)) {
+                // The own method is one of the methods, and needs no picture.
+                (Some(squares), Some(milliseconds)) if settings != self.base => {
+                    all.push(Change { squares: *squares, milliseconds, ..change.clone() });
+                    known.push(change);
+                }
+                _ => wanted.push(change.clone()),
+            }
+        }
+        if known.is_empty() {
+            return wanted;
+        }
+        all.sort_by_key(|change| self.changes.iter().position(|own| own.set == change.set));
+        let is_open: Vec<bool> = all.iter().map(|change| known.iter().any(|known| known.set == change.set)).collect();
+        let combinations = combinations(&self.base, &all);
+        let base = squares_of(&judged.drawn[0].error);
+        let best = match found {
+            Some(found) => (found.milliseconds, found.error),
+            None => {
+                let expected = |combination: &_| least_error(target, base, (combination, &all), |_| false);
+                let expected = self.candidates(&costs, &combinations, &[], expected);
+                match promising(target, 1.0, &expected) {
+                    Some(best) => (best.milliseconds, best.error),
+                    None => return wanted,
+                }
+            }
+        };
+        let may_be_better = |combination: &Combination| {
+            let milliseconds = self.expected_time(&costs, &combination.settings);
+            let error = least_error(target, base, (combination, &all), |index| is_open[index]);
+            milliseconds.is_some_and(|milliseconds| may_be_better(target, (milliseconds, error), best))
+        };
+        let promising: Vec<&Combination> =
+            combinations.par_iter().filter(|combination| may_be_better(combination)).collect();
+        let is_promising = |index: usize| promising.iter().any(|combination| combination.changes.contains(&index));
+        let is_tried: Vec<bool> = (0..all.len()).map(|index| !is_open[index] || is_promising(index)).collect();
+        // A value between two that are tried is tried, too: it costs little, and views differ.
+        let is_between = |index: usize| {
+            let is_of_key = |other: &usize| is_tried[*other] && all[*other].set[0].0 == all[index].set[0].0;
+            let has = |mut others: std::ops::Range<usize>| others.any(|other| is_of_key(&other));
+            !all[index].is_of_method() && has(0..index) && has(index..all.len())
+        };
+        if is_tried.iter().zip(&is_open).any(|(is_tried, is_open)| *is_tried && *is_open) {
+            let more = (0..all.len()).filter(|index| is_open[*index] && (is_tried[*index] || is_between(*index)));
+            wanted.extend(more.map(|index| all[index].clone()));
+        }
+        wanted
     }
 
     /// Draws the combinations that promise most until the most promising one is already drawn. `known` are the squares
     /// of the errors of the base, and what the changes add to them.
     fn search(
-        &self,
+        &mut self,
         target: Target,
         judged: Option<&Judged>,
         (squares, changes): &(Squares, Vec<Change>),
+        Full { tried, seconds, frames }: &mut Full,
         hands: &mut Hands<'_, '_>,
     ) -> anyhow::Result<Choice> {
         let start = Instant::now();
@@ -330,17 +452,20 @@ impl Explored {
         let mut combinations = combinations(&self.base, &changes);
         let count = combinations.len();
         let squares = *squares;
-        let mut tried = match judged {
-            Some(judged) => judged.drawn.iter().map(|drawn| Tried::of(target, drawn)).collect(),
-            None => {
-                let error = predicted_error(target, squares, Squares::default());
-                vec![Tried::new(&self.base, self.milliseconds, error, None)]
+        // What was drawn in full before further changes were tried.
+        let drawn_before = &tried[judged.map_or(tried.len(), |judged| judged.drawn.len())..];
+        for combination in combinations.iter().filter(|_| !drawn_before.is_empty()) {
+            let known = drawn_before.iter().find(|tried| tried.settings == combination.settings);
+            if let Some(errors) = known.and_then(|tried| tried.errors) {
+                let measured = squares_of(&errors);
+                correct(&mut changes, combination, std::array::from_fn(|part| measured[part] - squares[part]));
             }
-        };
+        }
         let matters = if let Target::Milliseconds(most) = target { most } else { f64::INFINITY };
-        let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
+        let mut search =
+            Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames + *frames };
         if let Some(judged) = judged {
-            self.try_still(target, judged, &mut tried, &mut search)?;
+            self.try_still(target, judged, tried, &mut search)?;
         }
         let (before, most) = (tried.len(), if judged.is_some() { MOST_DRAWN } else { MOST_FIRST });
         loop {
@@ -348,24 +473,24 @@ impl Explored {
             let margin = MARGIN.powi(in_a_row as i32);
             let predicted = |combination: &Combination| predicted_error(target, squares, combination.squares(&changes));
             let costs = search.local.costs();
-            let candidates = self.candidates(&costs, &combinations, &tried, predicted);
+            let candidates = self.candidates(&costs, &combinations, tried, predicted);
             let next = promising(target, margin, &candidates).filter(|next| !next.is_drawn);
             let Some(next) = next.filter(|_| tried.len() < before + most) else {
-                let expected = |settings: &Settings| costs.predict(&self.work.with(&self.base, settings), settings);
-                let Some(index) = doubtful(target, &tried, expected) else { break };
+                let expected = |settings: &Settings| self.expected_time(&costs, settings);
+                let Some(index) = doubtful(target, tried, expected) else { break };
                 let again = search.again(&tried[index].settings, self.size)?;
-                look_again(&mut tried, index, again, &mut search.local);
+                look_again(tried, index, again, &mut search.local);
                 continue;
             };
-            let (index, error, times) = (next.index, next.error, (next.milliseconds.min(matters), matters));
+            let (index, error) = (next.index, next.error);
             let combination = combinations[index].clone();
             let settings = &combination.settings;
             let drawn = match judged {
                 Some(Judged { still, .. }) => {
-                    search.drawn(settings, still, self.size, times).map(|drawn| Tried::of(target, &drawn))
+                    search.drawn(settings, still, self.size, matters).map(|drawn| Tried::of(target, &drawn))
                 }
                 None => search
-                    .timed(settings, self.size, times)
+                    .timed(settings, self.size, matters)
                     .map(|stats| Tried::new(settings, stats.frame_milliseconds, error, None)),
             };
             match drawn {
@@ -383,9 +508,12 @@ impl Explored {
                 Err(error) => return Err(error),
             }
         }
-        let (best, reached) = best(target, &tried);
+        let (best, reached) = best(target, tried);
         let Tried { settings: chosen, milliseconds, error, errors, .. } = best.clone();
-        let (frames, seconds) = (search.frames, self.seconds + start.elapsed().as_secs_f64());
+        *frames = search.frames - self.frames;
+        *seconds += start.elapsed().as_secs_f64();
+        self.local = search.local;
+        let (frames, seconds) = (self.frames + *frames, self.seconds + *seconds);
         let found = format!("{milliseconds:.1} ms, {error:.3} {}", target.error_unit());
         let reason = match (target, reached) {
             (Target::Milliseconds(_), true) => format!("the smallest error of what keeps to {target}: {found}"),
@@ -419,8 +547,7 @@ impl Explored {
         let milliseconds = search.local.costs().predict(&self.work.with(&self.base, settings), settings);
         let is_slow = matches!((target, milliseconds), (Target::Milliseconds(most), Some(own)) if own > most);
         if !is_slow && tried.iter().all(|tried| tried.settings != *settings) {
-            let times = (f64::INFINITY, f64::INFINITY);
-            let drawn = search.drawn(settings, &judged.still, self.size, times)?;
+            let drawn = search.drawn(settings, &judged.still, self.size, f64::INFINITY)?;
             tried.push(Tried::of(target, &drawn));
         }
         Ok(())
@@ -513,6 +640,17 @@ fn promising(target: Target, margin: f64, candidates: &[Candidate]) -> Option<&C
     }
 }
 
+/// Whether a combination of this time and error may be better than the best one, of which they are known.
+fn may_be_better(target: Target, (milliseconds, error): (f64, f64), best: (f64, f64)) -> bool {
+    let (least, is_kept) = (milliseconds * MARGIN, target.is_kept(best.0, best.1));
+    match target {
+        Target::Milliseconds(most) if is_kept => least <= most && error <= best.1,
+        Target::Milliseconds(_) => least <= best.0,
+        Target::Pixels(most) | Target::DeltaE(most) if is_kept => error <= most && least <= best.0,
+        Target::Pixels(_) | Target::DeltaE(_) => error <= best.1,
+    }
+}
+
 /// The combination that is to be timed once more: the best one for a time, or else that of the smallest error of those
 /// that missed it though they are expected to keep to it. Other work of the machine may have disturbed it.
 fn doubtful(target: Target, tried: &[Tried], expected: impl Fn(&Settings) -> Option<f64>) -> Option<usize> {
@@ -585,6 +723,20 @@ mod tests {
         assert_eq!((promised(Target::DeltaE(6.0)), promised(Target::DeltaE(0.1))), (10.0, 20.0));
         let careful = promising(Target::DeltaE(6.0), 0.8, &candidates).unwrap();
         assert_eq!(careful.milliseconds, 20.0, "after misses a prediction needs a margin");
+    }
+
+    #[test]
+    fn a_combination_may_be_better_if_it_keeps_to_the_target_or_comes_nearer() {
+        let time = Target::Milliseconds(100.0);
+        let better = |own| may_be_better(time, own, (90.0, 1.0));
+        assert!(better((80.0, 1.0)) && better((110.0, 0.5)), "times are known to a tenth");
+        assert!(!better((80.0, 1.1)) && !better((120.0, 0.5)));
+        let faster = |own| may_be_better(time, own, (140.0, 1.0));
+        assert!(faster((150.0, 9.0)) && !faster((170.0, 0.0)), "nothing keeps to it so far");
+        let error = Target::DeltaE(2.0);
+        let better = |own| may_be_better(error, own, (90.0, 1.5));
+        assert!(better((80.0, 2.0)) && better((100.0, 0.5)) && !better((80.0, 2.1)) && !better((110.0, 0.5)));
+        assert!(may_be_better(error, (900.0, 2.9), (90.0, 3.0)) && !may_be_better(error, (9.0, 3.1), (90.0, 3.0)));
     }
 
     #[test]

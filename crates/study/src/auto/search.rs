@@ -26,24 +26,37 @@ const AGREE: f64 = 1.2;
 const FAR: f64 = 4.0;
 
 /// The frame that tells the time of frames of equal work: the second quickest, once the quickest agrees with it. So no
-/// single frame decides, which other programs may have disturbed. A first frame tells the time alone if it took no
-/// longer than `expected`. `None` while another frame is wanted.
+/// single frame decides, which other programs may have disturbed. A first frame tells the time alone if it agrees with
+/// what is `expected`, or took less. `None` while another frame is wanted.
 fn telling(times: &[f64], expected: f64) -> Option<usize> {
     let mut order: Vec<usize> = (0..times.len()).collect();
     order.sort_by(|a, b| times[*a].total_cmp(&times[*b]));
     match order[..] {
         [] => None,
-        [only] => (times[only] <= expected).then_some(only),
+        [only] => (times[only] <= AGREE * expected).then_some(only),
         [first, second, ..] => (times[second] <= AGREE * times[first] || times.len() >= MOST_FRAMES).then_some(second),
     }
+}
+
+/// Times of methods agree if they differ by no more than a fifth and this share of a fifth of the frame.
+const SMALL: f64 = 0.25;
+
+/// What the cost model knows of a change before it is tried: the milliseconds of the passes of its method and of those of
+/// the exact one, and whether it knows the whole frame.
+struct Known {
+    own: f64,
+    exact: f64,
+    is_whole: bool,
 }
 
 /// Methods whose passes are known to take so many times what those of an exact one take are not tried.
 const SLOW: f64 = 1.5;
 
 /// Adds to the passes of a frame those of `base` that drew the shadow maps with which the frame was drawn: those of lamps,
-/// or of virtual lights, if it drew none of its own. A frame without virtual lights has no maps of them.
-fn add_standing_maps(passes: &mut Vec<PassTime>, base: &[PassTime], has_virtual_lights: bool) {
+/// or of virtual lights, if it drew none of its own. A frame without virtual lights has no maps of them. Returns the
+/// milliseconds that were added.
+fn add_standing_maps(passes: &mut Vec<PassTime>, base: &[PassTime], has_virtual_lights: bool) -> f64 {
+    let drawn = passes.len();
     for (is_of_kind, has_kind) in
         [(PassTime::is_of_lamps as fn(&PassTime) -> bool, true), (PassTime::is_of_virtual_lights, has_virtual_lights)]
     {
@@ -51,14 +64,14 @@ fn add_standing_maps(passes: &mut Vec<PassTime>, base: &[PassTime], has_virtual_
             passes.extend(base.iter().filter(|pass| is_of_kind(pass)).cloned());
         }
     }
+    passes[drawn..].iter().map(|pass| pass.milliseconds).sum()
 }
 
-/// The still picture in the size in which changes are tried, and what is known of the picture before any change.
-pub struct Unchanged<'a> {
-    pub settings: &'a Settings,
+/// What is known of the picture before any change, and the size in which changes are tried.
+pub struct Unchanged {
+    pub settings: Settings,
     /// What a frame of the whole picture does.
-    pub work: &'a Workload,
-    pub still: &'a Still,
+    pub work: Workload,
     pub size: [u32; 2],
     /// The squares of its errors, and its passes.
     pub squares: Squares,
@@ -74,11 +87,29 @@ pub struct Search<'a, 'b, 'c> {
 }
 
 impl Search<'_, '_, '_> {
-    /// Draws the still picture, once. Returns its milliseconds, too, unless shaders were compiled for it.
-    pub fn still(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<(Still, Option<f64>)> {
-        let stats = self.frame(settings, size)?;
+    /// Draws the still picture, once, with the shadow maps of the frame before if their passes are given as `maps`.
+    /// Returns its milliseconds, too, unless shaders were compiled for it, and its passes.
+    pub fn still(
+        &mut self,
+        settings: &Settings,
+        size: [u32; 2],
+        maps: Option<&[PassTime]>,
+    ) -> anyhow::Result<(Still, Option<f64>, Vec<PassTime>)> {
+        let mut stats = match maps {
+            Some(_) => self.frame_with_maps(settings, size)?,
+            None => self.frame(settings, size)?,
+        };
+        stats.frame_milliseconds +=
+            add_standing_maps(&mut stats.passes, maps.unwrap_or_default(), stats.virtual_lights > 0);
         let milliseconds = (!stats.has_compiled).then(|| self.learn(&stats, settings, size));
-        Ok((Still::read(self.hands.renderer, self.camera, settings, size)?, milliseconds))
+        Ok((Still::read(self.hands.renderer, self.camera, settings, size)?, milliseconds, stats.passes))
+    }
+
+    /// Draws a frame from scratch but for the shadow maps of the frame before, if it needs the same.
+    fn frame_with_maps(&mut self, settings: &Settings, size: [u32; 2]) -> anyhow::Result<FrameStats> {
+        self.frames += 1;
+        self.hands.renderer.forget_all_but_shadow_maps();
+        (self.hands.draw)(self.hands.renderer, settings, size)
     }
 
     /// Draws a frame from scratch.
@@ -97,11 +128,16 @@ impl Search<'_, '_, '_> {
 
     /// Draws frames of a picture of `size` until one tells its time, or two took [`FAR`] times what `matters`. The cost
     /// models learn from that frame, which is returned. Frames for which shaders were compiled tell no time. One frame is
-    /// enough if it takes no longer than `expected`.
-    pub fn timed(&mut self, settings: &Settings, size: [u32; 2], times: (f64, f64)) -> anyhow::Result<FrameStats> {
+    /// enough if it agrees with what the cost model expects, and takes no longer than what matters.
+    pub fn timed(&mut self, settings: &Settings, size: [u32; 2], matters: f64) -> anyhow::Result<FrameStats> {
         let size = drawn_size(size, settings);
+        let costs = self.local.costs();
+        let expected = |stats: &FrameStats| {
+            let known = costs.predict(&Workload::of(stats, settings, size), settings);
+            known.unwrap_or(0.0).min(matters / AGREE)
+        };
         let draw = |search: &mut Self| search.frame(settings, size);
-        let stats = self.told(draw, |stats| stats.frame_milliseconds, times)?;
+        let stats = self.told(draw, |stats| stats.frame_milliseconds, (expected, matters))?;
         self.learn(&stats, settings, size);
         Ok(stats)
     }
@@ -111,7 +147,7 @@ impl Search<'_, '_, '_> {
         &mut self,
         mut draw: impl FnMut(&mut Self) -> anyhow::Result<FrameStats>,
         measured: impl Fn(&FrameStats) -> f64,
-        (expected, matters): (f64, f64),
+        (expected, matters): (impl Fn(&FrameStats) -> f64, f64),
     ) -> anyhow::Result<FrameStats> {
         let (mut frames, mut far): (Vec<FrameStats>, usize) = (Vec::new(), 0);
         loop {
@@ -120,6 +156,7 @@ impl Search<'_, '_, '_> {
                 continue;
             }
             far += usize::from(measured(&stats) > FAR * matters);
+            let expected = expected(&stats);
             frames.push(stats);
             let times: Vec<f64> = frames.iter().map(&measured).collect();
             let is_far = (far > 1).then_some(frames.len() - 1);
@@ -134,15 +171,9 @@ impl Search<'_, '_, '_> {
         Ok(self.frame(settings, drawn_size(size, settings))?.frame_milliseconds)
     }
 
-    /// Draws a setting in a picture of `size`, with its error; `times` are those of [`Self::timed`].
-    pub fn drawn(
-        &mut self,
-        settings: &Settings,
-        still: &Still,
-        size: [u32; 2],
-        times: (f64, f64),
-    ) -> anyhow::Result<Drawn> {
-        let milliseconds = self.timed(settings, size, times)?.frame_milliseconds;
+    /// Draws a setting in a picture of `size`, with its error; `matters` is that of [`Self::timed`].
+    pub fn drawn(&mut self, settings: &Settings, still: &Still, size: [u32; 2], matters: f64) -> anyhow::Result<Drawn> {
+        let milliseconds = self.timed(settings, size, matters)?.frame_milliseconds;
         let error = still.error(self.hands.renderer, self.camera, settings, drawn_size(size, settings))?;
         Ok(Drawn { settings: settings.clone(), milliseconds, error })
     }
@@ -154,42 +185,49 @@ impl Search<'_, '_, '_> {
         still: &Still,
         size: [u32; 2],
     ) -> anyhow::Result<(StillError, Vec<PassTime>)> {
-        let passes = self.timed(base, size, (0.0, f64::INFINITY))?.passes;
+        let passes = self.timed(base, size, f64::INFINITY)?.passes;
         let error = still.error(self.hands.renderer, self.camera, base, drawn_size(size, base))?;
         Ok((error, passes))
     }
 
     /// Draws a picture of a change, and returns its error. It is drawn with the shadow maps of the frame before where they
     /// are the same; the cost models learn that these took what they took without the change. Of a method the time of its
-    /// passes is measured, with `times` as for [`Self::timed`]; other changes are timed with the rest.
+    /// passes is measured; other changes are timed with the rest, unless shaders are compiled for them and their time is
+    /// known.
     fn tried(
         &mut self,
         change: &Change,
         settings: &Settings,
-        unchanged: &Unchanged<'_>,
-        times: (f64, f64),
+        (unchanged, still): (&Unchanged, &Still),
+        known: Known,
     ) -> anyhow::Result<StillError> {
         let (size, is_of_method) = (drawn_size(unchanged.size, settings), change.is_of_method());
         let mut has_own_maps = false;
-        let draw = |search: &mut Self| {
+        let mut draw = |search: &mut Self| {
             // After a frame for which shaders were compiled, the maps that it drew are drawn again to be timed. Those of a
             // method are the same as without the change, whose time is known.
             if has_own_maps {
                 return search.frame(settings, size);
             }
-            search.frames += 1;
-            search.hands.renderer.forget_all_but_shadow_maps();
-            let stats = (search.hands.draw)(search.hands.renderer, settings, size)?;
+            let stats = search.frame_with_maps(settings, size)?;
             has_own_maps = !is_of_method && stats.passes.iter().any(PassTime::is_of_shadow_maps);
             Ok(stats)
         };
         let mut stats = match is_of_method {
-            true => self.told(draw, |stats| PassTime::of_stage(&stats.passes, PassStage::Method), times)?,
-            false => self.told(draw, |_| 0.0, (0.0, f64::INFINITY))?,
+            true => {
+                // A difference that is small beside the frame decides nothing.
+                let small = SMALL * unchanged.passes.iter().map(|pass| pass.milliseconds).sum::<f64>();
+                let of_method = |stats: &FrameStats| small + PassTime::of_stage(&stats.passes, PassStage::Method);
+                self.told(draw, of_method, (|_: &FrameStats| small + known.own, small + known.exact))?
+            }
+            false if known.is_whole => draw(self)?,
+            false => self.told(draw, |_| 0.0, (|_: &FrameStats| 0.0, f64::INFINITY))?,
         };
         add_standing_maps(&mut stats.passes, &unchanged.passes, stats.virtual_lights > 0);
-        self.learn(&stats, settings, size);
-        Ok(unchanged.still.error(self.hands.renderer, self.camera, settings, size)?)
+        if !stats.has_compiled {
+            self.learn(&stats, settings, size);
+        }
+        Ok(still.error(self.hands.renderer, self.camera, settings, size)?)
     }
 
     /// Draws a small picture for each change, and returns what the changes add to the squares of the errors. What needs no
@@ -197,13 +235,14 @@ impl Search<'_, '_, '_> {
     /// drawn once. Methods that are [`slow`] beside `exact`, which makes no error, are left out.
     pub fn measured(
         &mut self,
-        unchanged: &Unchanged<'_>,
+        unchanged: &Unchanged,
+        still: &Still,
         changes: &[Change],
         exact: Method,
     ) -> anyhow::Result<Vec<Change>> {
         let Unchanged { settings: base, work, squares: of_base, .. } = unchanged;
         let small = small_work(base, work, unchanged.size);
-        let mut traced = (*base).clone();
+        let mut traced = base.clone();
         traced.reflection.method = exact;
         let mut measured = Vec::new();
         for change in changes {
@@ -213,19 +252,18 @@ impl Search<'_, '_, '_> {
             }
             let time =
                 |settings: &Settings| costs.predict_stage(PassStage::Method, &small.with(base, settings), settings);
-            let times = (time(&settings).unwrap_or(0.0), time(&traced).unwrap_or(f64::INFINITY));
-            let own = match (settings != **base).then(|| self.tried(change, &settings, unchanged, times)) {
+            let known = Known {
+                own: time(&settings).unwrap_or(0.0),
+                exact: time(&traced).unwrap_or(f64::INFINITY),
+                is_whole: costs.predict(&small.with(base, &settings), &settings).is_some(),
+            };
+            let own = match (settings != *base).then(|| self.tried(change, &settings, (unchanged, still), known)) {
                 Some(Ok(error)) => squares_of(&error),
                 Some(Err(error)) if is_no_choice(&error) => continue,
                 Some(Err(error)) => return Err(error),
                 None => *of_base,
             };
             measured.push(Change { squares: std::array::from_fn(|part| own[part] - of_base[part]), ..change.clone() });
-        }
-        let costs = self.local.costs();
-        for change in &mut measured {
-            let settings = change.of(base);
-            change.milliseconds = costs.predict(&work.with(base, &settings), &settings).unwrap_or(f64::INFINITY);
         }
         Ok(measured)
     }
@@ -292,9 +330,9 @@ mod tests {
     }
 
     #[test]
-    fn no_single_frame_tells_a_time_unless_it_is_as_quick_as_expected() {
+    fn no_single_frame_tells_a_time_unless_it_agrees_with_what_is_expected() {
         assert_eq!(telling(&[], 0.0), None);
-        assert_eq!((telling(&[70.0], 0.0), telling(&[70.0], 69.0), telling(&[70.0], 70.0)), (None, None, Some(0)));
+        assert_eq!((telling(&[70.0], 0.0), telling(&[70.0], 58.0), telling(&[70.0], 59.0)), (None, None, Some(0)));
         assert_eq!((telling(&[70.0, 400.0], 60.0), telling(&[400.0, 70.0], 0.0)), (None, None));
         assert_eq!(telling(&[70.0, 400.0, 72.0], 0.0), Some(2));
         assert_eq!(telling(&[10.0, 71.0, 72.0], 0.0), None, "a frame that is too quick decides nothing either");
