@@ -3,12 +3,15 @@
 //!
 //! 1. It draws the picture with the settings as they are, and the still picture, against which errors count.
 //! 2. It changes one setting at a time and draws a small picture. The error of each change is known then, and the cost
-//!    model learns its time. Methods whose passes are known to take 1.5 times those of the exact one are left out.
+//!    model learns its time. Methods whose passes are known to take 1.5 times those of the exact one are left out, and
+//!    so are changes that may not be part of the choice by the errors of views before and the times of the cost model.
 //! 3. Of all combinations it predicts time and error: the time by the cost model, the error by the changes' squares,
 //!    which add up where errors are independent, those of mirrors' colours and of the rest's apart: the worse of the two
 //!    counts. It draws the most promising combination, learns from it, and goes on until the most promising one is
 //!    already drawn.
-//! 4. It takes the best of those that were drawn in full, so that nothing is chosen on a prediction alone. No single
+//! 4. If changes that were left out may be better than the best of what was drawn in full, they are tried, and it goes
+//!    on with step 3.
+//! 5. It takes the best of those that were drawn in full, so that nothing is chosen on a prediction alone. No single
 //!    frame decides: other work of the machine may have disturbed it.
 //!
 //! A person who waits gets a choice by times and errors of views before, [`Explored::first`], before the still picture.
@@ -148,7 +151,7 @@ pub struct Explored {
     /// `None` where they may not be: where a resolution below 1 or another method is fixed, or mirrors that are seen have
     /// other methods, so that it would not be the still picture.
     still_choice: Option<Settings>,
-    /// The changes that may be made.
+    /// The changes that may be made, those of a parameter together.
     changes: Vec<Change>,
     /// The squares of the errors of the base, and the changes with their errors and times, as views before had them;
     /// `None` where any is missing.
@@ -165,8 +168,9 @@ struct Judged {
     still: Still,
     /// The picture with the base's settings, and the still picture if its time is known.
     drawn: Vec<Drawn>,
-    /// The view in the size in which changes are tried; `None` in place of its still picture if that is `still`.
+    /// The view in the size in which changes are tried.
     unchanged: Unchanged,
+    /// Its still picture, unless that is `still`.
     small_still: Option<Still>,
     /// The changes that were tried.
     changes: Vec<Change>,

@@ -231,7 +231,7 @@ impl Search<'_, '_, '_> {
     }
 
     /// Draws a small picture for each change, and returns what the changes add to the squares of the errors. What needs no
-    /// other shadow maps is drawn with those of the frame before. A method that takes no longer than its known time is
+    /// other shadow maps is drawn with those of the frame before. A method whose time agrees with what is known is
     /// drawn once. Methods that are [`slow`] beside `exact`, which makes no error, are left out.
     pub fn measured(
         &mut self,
