@@ -19,6 +19,7 @@
 //! No rule names a scene. A method that another one beats in time and error is left out of step 3.
 
 mod changes;
+mod open;
 mod search;
 
 use std::collections::BTreeMap;
@@ -29,8 +30,8 @@ use render::{FrameStats, PassTime, Renderer};
 use scene::{Camera, Method, Settings};
 
 use self::changes::{
-    Change, Combination, Kind, METHOD, Squares, changes_of, combinations, correct, differing, least_error,
-    predicted_error, squares_of, without_dominated,
+    Change, Combination, Kind, METHOD, Squares, changes_of, combinations, correct, differing, predicted_error,
+    squares_of, without_dominated,
 };
 pub use self::changes::{KnownErrors, may_change};
 use self::search::{Drawn, Search, Unchanged, is_no_choice, slow};
@@ -378,66 +379,6 @@ impl Explored {
         costs.predict(&self.work.with(&self.base, settings), settings)
     }
 
-    /// The changes that were not tried yet and may be part of the choice: those of which nothing is known, and those of a
-    /// combination that may be better than the best one that was `found`, or is expected, if its changes add less to the
-    /// errors than they did in views before ([`least_error`]), with what lies between.
-    fn open(&self, target: Target, judged: &Judged, found: Option<&Tried>) -> Vec<Change> {
-        let costs = self.local.costs();
-        let is_slow = slow(&costs, (&self.base, &self.work), self.still_settings.reflection.method, small(self.size));
-        let is_of_target = |change: &Change| !matches!(target, Target::Pixels(_)) || !change.is_of_light();
-        let open = judged.open.iter().filter(|(change, _)| is_of_target(change) && !is_slow(change));
-        let (mut wanted, mut known, mut all) = (Vec::new(), Vec::new(), judged.changes.clone());
-        for (change, squares) in open {
-            let settings = change.of(&self.base);
-            match (squares, self.expected_time(&costs, &settings)) {
-                // The own method is one of the methods, and needs no picture.
-                (Some(squares), Some(milliseconds)) if settings != self.base => {
-                    all.push(Change { squares: *squares, milliseconds, ..change.clone() });
-                    known.push(change);
-                }
-                _ => wanted.push(change.clone()),
-            }
-        }
-        if known.is_empty() {
-            return wanted;
-        }
-        all.sort_by_key(|change| self.changes.iter().position(|own| own.set == change.set));
-        let is_open: Vec<bool> = all.iter().map(|change| known.iter().any(|known| known.set == change.set)).collect();
-        let combinations = combinations(&self.base, &all);
-        let base = squares_of(&judged.drawn[0].error);
-        let best = match found {
-            Some(found) => (found.milliseconds, found.error),
-            None => {
-                let expected = |combination: &_| least_error(target, base, (combination, &all), |_| false);
-                let expected = self.candidates(&costs, &combinations, &[], expected);
-                match promising(target, 1.0, &expected) {
-                    Some(best) => (best.milliseconds, best.error),
-                    None => return wanted,
-                }
-            }
-        };
-        let may_be_better = |combination: &Combination| {
-            let milliseconds = self.expected_time(&costs, &combination.settings);
-            let error = least_error(target, base, (combination, &all), |index| is_open[index]);
-            milliseconds.is_some_and(|milliseconds| may_be_better(target, (milliseconds, error), best))
-        };
-        let promising: Vec<&Combination> =
-            combinations.par_iter().filter(|combination| may_be_better(combination)).collect();
-        let is_promising = |index: usize| promising.iter().any(|combination| combination.changes.contains(&index));
-        let is_tried: Vec<bool> = (0..all.len()).map(|index| !is_open[index] || is_promising(index)).collect();
-        // A value between two that are tried is tried, too: it costs little, and views differ.
-        let is_between = |index: usize| {
-            let is_of_key = |other: &usize| is_tried[*other] && all[*other].set[0].0 == all[index].set[0].0;
-            let has = |mut others: std::ops::Range<usize>| others.any(|other| is_of_key(&other));
-            !all[index].is_of_method() && has(0..index) && has(index..all.len())
-        };
-        if is_tried.iter().zip(&is_open).any(|(is_tried, is_open)| *is_tried && *is_open) {
-            let more = (0..all.len()).filter(|index| is_open[*index] && (is_tried[*index] || is_between(*index)));
-            wanted.extend(more.map(|index| all[index].clone()));
-        }
-        wanted
-    }
-
     /// Draws the combinations that promise most until the most promising one is already drawn. `known` are the squares
     /// of the errors of the base, and what the changes add to them.
     fn search(
@@ -644,17 +585,6 @@ fn promising(target: Target, margin: f64, candidates: &[Candidate]) -> Option<&C
     }
 }
 
-/// Whether a combination of this time and error may be better than the best one, of which they are known.
-fn may_be_better(target: Target, (milliseconds, error): (f64, f64), best: (f64, f64)) -> bool {
-    let (least, is_kept) = (milliseconds * MARGIN, target.is_kept(best.0, best.1));
-    match target {
-        Target::Milliseconds(most) if is_kept => least <= most && error <= best.1,
-        Target::Milliseconds(_) => least <= best.0,
-        Target::Pixels(most) | Target::DeltaE(most) if is_kept => error <= most && least <= best.0,
-        Target::Pixels(_) | Target::DeltaE(_) => error <= best.1,
-    }
-}
-
 /// The combination that is to be timed once more: the best one for a time, or else that of the smallest error of those
 /// that missed it though they are expected to keep to it. Other work of the machine may have disturbed it.
 fn doubtful(target: Target, tried: &[Tried], expected: impl Fn(&Settings) -> Option<f64>) -> Option<usize> {
@@ -727,20 +657,6 @@ mod tests {
         assert_eq!((promised(Target::DeltaE(6.0)), promised(Target::DeltaE(0.1))), (10.0, 20.0));
         let careful = promising(Target::DeltaE(6.0), 0.8, &candidates).unwrap();
         assert_eq!(careful.milliseconds, 20.0, "after misses a prediction needs a margin");
-    }
-
-    #[test]
-    fn a_combination_may_be_better_if_it_keeps_to_the_target_or_comes_nearer() {
-        let time = Target::Milliseconds(100.0);
-        let better = |own| may_be_better(time, own, (90.0, 1.0));
-        assert!(better((80.0, 1.0)) && better((110.0, 0.5)), "times are known to a tenth");
-        assert!(!better((80.0, 1.1)) && !better((120.0, 0.5)));
-        let faster = |own| may_be_better(time, own, (140.0, 1.0));
-        assert!(faster((150.0, 9.0)) && !faster((170.0, 0.0)), "nothing keeps to it so far");
-        let error = Target::DeltaE(2.0);
-        let better = |own| may_be_better(error, own, (90.0, 1.5));
-        assert!(better((80.0, 2.0)) && better((100.0, 0.5)) && !better((80.0, 2.1)) && !better((110.0, 0.5)));
-        assert!(may_be_better(error, (900.0, 2.9), (90.0, 3.0)) && !may_be_better(error, (9.0, 3.1), (90.0, 3.0)));
     }
 
     #[test]
