@@ -21,6 +21,7 @@
 mod changes;
 mod open;
 mod search;
+mod stills;
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -35,11 +36,9 @@ use self::changes::{
 };
 pub use self::changes::{KnownErrors, may_change};
 use self::search::{Drawn, Search, Unchanged, is_no_choice, slow};
+use self::stills::{Stills, small};
 use crate::cost::{CostModel, Costs, Workload};
-use crate::still::{Shown, Still, StillError, Target, drawn_size, judging_settings};
-
-/// The most pixels of the small pictures by which single changes are judged.
-const SMALL: f64 = 320.0 * 240.0;
+use crate::still::{Shown, Still, StillError, Target, drawn_size};
 
 /// The most combinations that are drawn in full.
 const MOST_DRAWN: usize = 8;
@@ -147,7 +146,7 @@ pub struct Explored {
     shown: Shown,
     passes: Vec<PassTime>,
     kind: Kind,
-    still_settings: Settings,
+    stills: Stills,
     /// The still picture's settings as they may be chosen: they leave alone the methods that mirrors have of their own.
     /// `None` where they may not be: where a resolution below 1 or another method is fixed, or mirrors that are seen have
     /// other methods, so that it would not be the still picture.
@@ -247,22 +246,22 @@ impl Explored {
         let work = Workload::of(&stats, &base, of_base);
         let shown = Shown::read(search.hands.renderer, camera, &base, of_base)?;
         let changes = changes_of(&base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
-        let still_settings = still_of(&base, fixed);
+        let stills = Stills::new(&base, fixed, size);
         let kind = Kind::new(work.mirrors > 0.0, fixed);
         let is_fixed = fixed.iter().any(|key| key == METHOD);
-        let mut choice = still_settings.clone();
+        let mut choice = stills.whole.clone();
         choice.reflection.own_methods = base.reflection.own_methods;
         let has_method = |method| stats.methods.iter().all(|own| *own == method);
-        let exact = still_settings.reflection.method;
+        let exact = stills.whole.reflection.method;
         let expected = expected(&search, (&base, &work, &kind), &changes, (exact, small(size)));
         let Search { local, frames, .. } = search;
         Ok(Self {
             settings: settings.clone(),
             still_choice: Some(choice).filter(|_| {
                 let has_methods = has_method(base.reflection.method) && (!is_fixed || has_method(exact));
-                drawn_size(size, &still_settings) == size && has_methods
+                drawn_size(size, &stills.whole) == size && has_methods
             }),
-            still_settings,
+            stills,
             base,
             camera: *camera,
             size,
@@ -329,11 +328,11 @@ impl Explored {
         let open = self.changes.iter().map(open).collect();
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
         let (size, small) = (self.size, small(self.size));
-        let (of_small, milliseconds, maps) = search.still(&self.still_settings, small, None)?;
+        let (of_small, milliseconds, maps) = search.still(&self.stills.small, small, None)?;
         let (still, small_still, milliseconds) = match size == small {
             true => (of_small, None, milliseconds),
             false => {
-                let (still, milliseconds, _) = search.still(&self.still_settings, size, Some(&maps))?;
+                let (still, milliseconds, _) = search.still(&self.stills.whole, size, Some(&maps))?;
                 (still, Some(of_small), milliseconds)
             }
         };
@@ -357,7 +356,7 @@ impl Explored {
     fn try_open(&mut self, judged: &mut Judged, wanted: &[Change], hands: &mut Hands<'_, '_>) -> anyhow::Result<()> {
         let start = Instant::now();
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
-        let exact = self.still_settings.reflection.method;
+        let exact = self.stills.whole.reflection.method;
         let found = search.measured(&judged.unchanged, judged.small_still(), wanted, exact)?;
         search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&judged.drawn[0].error), &found);
         (self.local, self.frames) = (search.local, search.frames);
@@ -462,7 +461,9 @@ impl Explored {
         let found = format!("{milliseconds:.1} ms, {error:.3} {}", target.error_unit());
         let reason = match (target, reached) {
             (Target::Milliseconds(_), true) => format!("the smallest error of what keeps to {target}: {found}"),
-            (Target::Milliseconds(_), false) => format!("nothing keeps to {target}, this is the fastest: {found}"),
+            (Target::Milliseconds(_), false) => {
+                format!("nothing keeps to {target}, this is about the fastest: {found}")
+            }
             (_, true) => format!("the fastest of what keeps to {target}: {found}"),
             (_, false) => format!("nothing keeps to {target}, this has the smallest error: {found}"),
         };
@@ -544,27 +545,6 @@ fn expected(
     Some((errors.of(kind, base, None)?, known))
 }
 
-/// The size of small pictures of a view.
-fn small(size: [u32; 2]) -> [u32; 2] {
-    let share = (SMALL / size.map(f64::from).iter().product::<f64>()).sqrt().min(1.0);
-    size.map(|side| ((f64::from(side) * share).round() as u32).max(1))
-}
-
-/// The settings of the still picture. What is fixed stays, but for the method: the error is that of the fixed one.
-fn still_of(base: &Settings, fixed: &[String]) -> Settings {
-    let mut still = judging_settings(base);
-    let is_kept = |key: &String| fixed.contains(key) && key != METHOD;
-    for (before, after) in base.groups().into_iter().zip(still.groups_mut()) {
-        let group = before.group();
-        let keys = group.fields.iter().map(|field| format!("{}.{}", group.name, field.name));
-        let values = keys.zip(before.values()).zip(after.values());
-        let values = values.map(|((key, before), after)| if is_kept(&key) { before } else { after });
-        let values: Vec<param::Value> = values.collect();
-        after.set_values(&values);
-    }
-    still
-}
-
 /// The candidate that is expected to meet the target best. What is only predicted must keep to a share of it, `margin`.
 fn promising(target: Target, margin: f64, candidates: &[Candidate]) -> Option<&Candidate> {
     let error = |candidate: &Candidate| candidate.counted(candidate.error);
@@ -575,7 +555,10 @@ fn promising(target: Target, margin: f64, candidates: &[Candidate]) -> Option<&C
         Target::Milliseconds(most) => {
             let keeps = |candidate: &&Candidate| candidate.milliseconds <= most * candidate.share(margin);
             let keeping = candidates.iter().filter(keeps).min_by(by_error);
-            keeping.or_else(|| candidates.iter().min_by(by_time))
+            keeping.or_else(|| {
+                let fastest = candidates.iter().map(time).fold(f64::INFINITY, f64::min);
+                candidates.iter().filter(|candidate| time(candidate) <= fastest * DISTURBED).min_by(by_error)
+            })
         }
         Target::Pixels(most) | Target::DeltaE(most) => {
             let keeps = |candidate: &&Candidate| candidate.error <= most * candidate.share(margin);
@@ -611,13 +594,19 @@ fn look_again(tried: &mut [Tried], index: usize, milliseconds: f64, local: &mut 
     (again.milliseconds, again.is_sure) = (again.measured.min(milliseconds), true);
 }
 
-/// The best of what was drawn, which is never nothing, and whether it keeps to the target.
+/// The best of what was drawn, which is never nothing, and whether it keeps to the target. Where nothing keeps to a time, it
+/// is the most accurate one of those about as fast as the fastest: whoever asks for too little time gains nothing by an empty
+/// picture that saves a few milliseconds.
 fn best(target: Target, tried: &[Tried]) -> (&Tried, bool) {
     let by_error = |a: &&Tried, b: &&Tried| a.error.total_cmp(&b.error);
     let by_time = |a: &&Tried, b: &&Tried| a.milliseconds.total_cmp(&b.milliseconds);
     let keeping = tried.iter().filter(|tried| tried.keeps(target));
     let (kept, nearest) = match target {
-        Target::Milliseconds(_) => (keeping.min_by(by_error), tried.iter().min_by(by_time)),
+        Target::Milliseconds(_) => {
+            let fastest = tried.iter().map(|tried| tried.milliseconds).fold(f64::INFINITY, f64::min);
+            let as_fast = tried.iter().filter(|tried| tried.milliseconds <= fastest * DISTURBED);
+            (keeping.min_by(by_error), as_fast.min_by(by_error))
+        }
         Target::Pixels(_) | Target::DeltaE(_) => (keeping.min_by(by_time), tried.iter().min_by(by_error)),
     };
     kept.map_or_else(|| (nearest.unwrap_or(&tried[0]), false), |kept| (kept, true))
@@ -644,6 +633,8 @@ mod tests {
         };
         let chosen = |target| of_some(target, &all);
         assert_eq!(chosen(Target::Milliseconds(60.0)), (50.0, true));
+        let alike = [tried(12.0, 5.0, 9.0), tried(11.0, 50.0, 9.0), tried(15.0, 1.0, 1.0)];
+        assert_eq!(of_some(Target::Milliseconds(10.0), &alike), (12.0, false));
         assert_eq!(chosen(Target::Milliseconds(200.0)), (100.0, true));
         assert_eq!(chosen(Target::Milliseconds(5.0)), (10.0, false));
         assert_eq!(chosen(Target::DeltaE(2.5)), (20.0, true));
@@ -672,20 +663,5 @@ mod tests {
         assert_eq!((times, doubtful(target, &tried, |_| None)), (vec![75.0, 60.0, 29.0], Some(1)));
         look_again(&mut tried, 1, 61.0, &mut CostModel::default());
         assert_eq!((tried[1].milliseconds, doubtful(target, &tried, |_| None)), (61.0, None));
-    }
-
-    #[test]
-    fn the_still_picture_keeps_what_is_fixed_but_not_the_method() {
-        let mut base = Settings::default();
-        (base.reflection.method, base.gi.vpls, base.view.resolution) = (Method::None, 64, 0.5);
-        let fixed = ["gi.vpls".to_owned(), "reflection.method".to_owned()];
-        let still = still_of(&base, &fixed);
-        assert_eq!((still.reflection.method, still.gi.vpls), (Method::SurfelTrace, 64));
-        assert_eq!(still.mirror.surface, scene::MirrorSurface::Exact);
-        base.mirror.surface = scene::MirrorSurface::Points;
-        assert_eq!(still_of(&base, &fixed).mirror.surface, scene::MirrorSurface::Points);
-        assert_eq!((still.view.resolution, still.gi.interleave), (1.0, 1));
-        assert_eq!(small([800, 600]), [320, 240]);
-        assert_eq!(small([64, 48]), [64, 48]);
     }
 }

@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use super::changes::{Change, Combination, combinations, least_error, squares_of};
 use super::search::slow;
-use super::{Explored, Judged, MARGIN, Tried, promising, small};
+use super::stills::small;
+use super::{Explored, Judged, MARGIN, Tried, promising};
 use crate::still::Target;
 
 impl Explored {
@@ -13,7 +14,7 @@ impl Explored {
     /// errors than they did in views before ([`least_error`]), with what lies between.
     pub(super) fn open(&self, target: Target, judged: &Judged, found: Option<&Tried>) -> Vec<Change> {
         let costs = self.local.costs();
-        let is_slow = slow(&costs, (&self.base, &self.work), self.still_settings.reflection.method, small(self.size));
+        let is_slow = slow(&costs, (&self.base, &self.work), self.stills.whole.reflection.method, small(self.size));
         let is_of_target = |change: &Change| !matches!(target, Target::Pixels(_)) || !change.is_of_light();
         let open = judged.open.iter().filter(|(change, _)| is_of_target(change) && !is_slow(change));
         let (mut wanted, mut known, mut all) = (Vec::new(), Vec::new(), judged.changes.clone());

@@ -1,0 +1,83 @@
+//! The still pictures by which changes and combinations are judged.
+
+use scene::Settings;
+
+use super::changes::METHOD;
+use crate::still::judging_settings;
+
+/// The most pixels of the small pictures by which single changes are judged.
+const SMALL: f64 = 320.0 * 240.0;
+
+/// `gi.interleave` of still pictures larger than that: each of 3 x 3 pixels is lit by its own ninth of the lights, for a
+/// fraction of the time. Edges, where that shows, are few in large pictures; and settings to choose from have other
+/// numbers, whose pixels make other errors.
+const LARGE_INTERLEAVE: u32 = 3;
+
+/// The settings of the still pictures.
+pub struct Stills {
+    /// Of the picture in its own size.
+    pub whole: Settings,
+    /// Of the small picture; the same if that is as large.
+    pub small: Settings,
+}
+
+impl Stills {
+    /// For a picture of `size` pixels with the settings `base`, of which those in `fixed` stay.
+    pub fn new(base: &Settings, fixed: &[String], size: [u32; 2]) -> Self {
+        let small_still = still_of(base, fixed);
+        let mut whole = small_still.clone();
+        if small(size) != size && !fixed.iter().any(|key| key == "gi.interleave") {
+            whole.gi.interleave = LARGE_INTERLEAVE;
+        }
+        Self { whole, small: small_still }
+    }
+}
+
+/// The size of small pictures of a view.
+pub fn small(size: [u32; 2]) -> [u32; 2] {
+    let share = (SMALL / size.map(f64::from).iter().product::<f64>()).sqrt().min(1.0);
+    size.map(|side| ((f64::from(side) * share).round() as u32).max(1))
+}
+
+/// The settings of the still picture. What is fixed stays, but for the method: the error is that of the fixed one.
+fn still_of(base: &Settings, fixed: &[String]) -> Settings {
+    let mut still = judging_settings(base);
+    let is_kept = |key: &String| fixed.contains(key) && key != METHOD;
+    for (before, after) in base.groups().into_iter().zip(still.groups_mut()) {
+        let group = before.group();
+        let keys = group.fields.iter().map(|field| format!("{}.{}", group.name, field.name));
+        let values = keys.zip(before.values()).zip(after.values());
+        let values = values.map(|((key, before), after)| if is_kept(&key) { before } else { after });
+        let values: Vec<param::Value> = values.collect();
+        after.set_values(&values);
+    }
+    still
+}
+
+#[cfg(test)]
+mod tests {
+    use scene::Method;
+
+    use super::*;
+
+    #[test]
+    fn the_still_picture_keeps_what_is_fixed_but_not_the_method() {
+        let mut base = Settings::default();
+        (base.reflection.method, base.gi.vpls, base.view.resolution) = (Method::None, 64, 0.5);
+        let fixed = ["gi.vpls".to_owned(), "reflection.method".to_owned()];
+        let still = Stills::new(&base, &fixed, [64, 48]).whole;
+        assert_eq!((still.reflection.method, still.gi.vpls), (Method::SurfelTrace, 64));
+        assert_eq!(still.mirror.surface, scene::MirrorSurface::Exact);
+        base.mirror.surface = scene::MirrorSurface::Points;
+        assert_eq!(Stills::new(&base, &fixed, [64, 48]).small.mirror.surface, scene::MirrorSurface::Points);
+        assert_eq!((still.view.resolution, still.gi.interleave), (1.0, 1));
+        let interleaves = |fixed: &[String], size| {
+            let stills = Stills::new(&base, fixed, size);
+            [stills.whole, stills.small].map(|settings| settings.gi.interleave)
+        };
+        assert_eq!((interleaves(&fixed, [320, 240]), interleaves(&fixed, [800, 600])), ([1, 1], [3, 1]));
+        assert_eq!(interleaves(&["gi.interleave".to_owned()], [800, 600]), [4, 4]);
+        assert_eq!(small([800, 600]), [320, 240]);
+        assert_eq!(small([64, 48]), [64, 48]);
+    }
+}
