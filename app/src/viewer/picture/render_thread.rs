@@ -254,12 +254,11 @@ impl Worker {
                     }
                     Command::Change(change) => {
                         self.moving.learn(&change);
-                        match change {
-                            Change::Visibility { test } => {
-                                self.test = Some(test);
-                                Ok(())
-                            }
-                            change => self.resident.apply(change),
+                        if let Change::Visibility { test } = change {
+                            self.test = Some(test);
+                            Ok(())
+                        } else {
+                            self.resident.apply(change)
                         }
                     }
                     Command::Arrived(pass) => {
