@@ -1,6 +1,6 @@
 //! The error of a picture against the still picture: the same view at full resolution with all points, 1024 virtual
 //! lights that light every pixel, and `surfel_trace`, with mirrors by their formulas where they have one. So it holds
-//! the errors of resolution, points, lights and method.
+//! the errors of resolution, points, lights and method. `auto` shares the lights of large ones among pixels.
 
 use std::str::FromStr;
 
@@ -154,7 +154,7 @@ pub struct Still {
 }
 
 impl Still {
-    /// Takes the frame that was rendered last, with the settings of [`still_settings`].
+    /// Takes the frame that was rendered last, with the settings of a still picture.
     ///
     /// # Errors
     /// Nothing was rendered yet, or the device was lost.

@@ -91,16 +91,19 @@ fn only_changes_that_may_be_chosen_are_tried_by_what_views_before_had() {
     let (least, drawn) = chosen((&subject, &mut renderer), 45.0, &mut known.clone(), |_| 1.0);
     assert_eq!(&*least.set["reflection.method"], "none", "{least:?}");
     assert!(!drawn.contains(&Method::ScreenTrace), "{drawn:?}");
-    // Views before flattered one method and had ten times the error of another: what is found here tells.
+    // Views before flattered one method and had a hundred times the square of another's error: what is found here tells.
     let mut wrong: serde_json::Value = serde_json::from_str(&known.to_text()).unwrap();
     let squares = wrong["errors"]["squares"].as_object_mut().unwrap();
+    let mut falsified = 0;
     for (key, value) in squares.iter_mut() {
         for (method, square) in [("none", 0.0), ("surfel_trace", 100.0)] {
             if key.ends_with(&format!(" reflection.method={method} from sscr_hierarchical")) {
                 *value = serde_json::json!([square, 0.0, square]);
+                falsified += 1;
             }
         }
     }
+    assert_eq!(falsified, 2);
     let mut wrong = CostModel::parse(&wrong.to_string()).unwrap();
     let (right, _) = chosen((&subject, &mut renderer), 80.0, &mut wrong, |_| 1.0);
     assert_eq!(&*right.set["reflection.method"], "surfel_trace", "{right:?}");

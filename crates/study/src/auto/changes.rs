@@ -117,6 +117,9 @@ pub struct KnownErrors {
 /// The weight of one view beside all views before.
 const OF_A_VIEW: f64 = 0.5;
 
+/// What a change had in views before counts by this share where it is left out: after some views it is tried again.
+const OF_LEFT_OUT: f64 = 0.7;
+
 /// The most changes that are known: those of some dozen values that a person gave the parameters.
 const MOST_KNOWN: usize = 2000;
 
@@ -152,15 +155,31 @@ impl KnownErrors {
 
     /// Learns from a view the squares of the errors of `base`, and of what changes add to them.
     pub fn learn(&mut self, kind: &Kind, base: &Settings, squares: Squares, changes: &[Change]) {
+        self.learn_one(Self::key(kind, base, None), squares);
+        self.learn_changes(kind, base, changes);
+    }
+
+    /// Learns from a view the squares of what changes add to the errors of `base`.
+    pub fn learn_changes(&mut self, kind: &Kind, base: &Settings, changes: &[Change]) {
+        for change in changes {
+            self.learn_one(Self::key(kind, base, Some(change)), change.squares);
+        }
+    }
+
+    fn learn_one(&mut self, key: String, squares: Squares) {
         if self.squares.len() > MOST_KNOWN {
             self.squares.clear();
         }
-        let changes = changes.iter().map(|change| (Some(change), change.squares));
-        for (change, squares) in changes.chain([(None, squares)]) {
-            let kept = self.squares.entry(Self::key(kind, base, change)).or_insert(squares);
-            for (kept, square) in kept.iter_mut().zip(squares) {
-                *kept += OF_A_VIEW * (square - *kept);
-            }
+        let kept = self.squares.entry(key).or_insert(squares);
+        for (kept, square) in kept.iter_mut().zip(squares) {
+            *kept += OF_A_VIEW * (square - *kept);
+        }
+    }
+
+    /// Learns that a view left a change out because of what it had in views before.
+    pub fn doubt(&mut self, kind: &Kind, base: &Settings, change: &Change) {
+        for square in self.squares.get_mut(&Self::key(kind, base, Some(change))).into_iter().flatten() {
+            *square *= OF_LEFT_OUT;
         }
     }
 
@@ -274,7 +293,8 @@ pub fn predicted_error(target: Target, base: Squares, squares: Squares) -> f64 {
 }
 
 /// The least error that a combination may have in this view: changes that are `open` may add the [`DOUBT`]th part of what
-/// they added to the errors of views before. What a change improves is a part of the error without any change.
+/// they added to the errors of views before, and improve it [`DOUBT`] times as much. Of reflections they may have none:
+/// their error is that of nearly the worst pixel, of which another view says nothing.
 pub fn least_error(
     target: Target,
     base: Squares,
@@ -285,10 +305,12 @@ pub fn least_error(
         let squares = combination.changes.iter().map(|index| (*index, changes[*index].squares[part]));
         let (mut left, mut added) = (base[part], 0.0);
         for (index, square) in squares {
-            match square > 0.0 {
-                true if is_open(index) => added += square / (DOUBT * DOUBT),
-                true => added += square,
-                false => left += square,
+            match (square > 0.0, is_open(index)) {
+                (true, true) if part == OF_PIXELS => {}
+                (true, true) => added += square / (DOUBT * DOUBT),
+                (true, false) => added += square,
+                (false, true) => left += square * DOUBT * DOUBT,
+                (false, false) => left += square,
             }
         }
         left.max(0.0) + added

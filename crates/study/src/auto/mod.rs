@@ -36,7 +36,7 @@ use self::changes::{
 };
 pub use self::changes::{KnownErrors, may_change};
 use self::search::{Drawn, Search, Unchanged, is_no_choice, slow};
-use self::stills::{Stills, small};
+use self::stills::{Stills, small_size};
 use crate::cost::{CostModel, Costs, Workload};
 use crate::still::{Shown, Still, StillError, Target, drawn_size};
 
@@ -253,13 +253,15 @@ impl Explored {
         choice.reflection.own_methods = base.reflection.own_methods;
         let has_method = |method| stats.methods.iter().all(|own| *own == method);
         let exact = stills.whole.reflection.method;
-        let expected = expected(&search, (&base, &work, &kind), &changes, (exact, small(size)));
+        let expected = expected(&search, (&base, &work, &kind), &changes, (exact, small_size(size)));
         let Search { local, frames, .. } = search;
         Ok(Self {
             settings: settings.clone(),
             still_choice: Some(choice).filter(|_| {
                 let has_methods = has_method(base.reflection.method) && (!is_fixed || has_method(exact));
-                drawn_size(size, &stills.whole) == size && has_methods
+                // A large still picture shares its lights among pixels, and is no choice.
+                let is_whole = stills.whole.gi.interleave == stills.small.gi.interleave;
+                drawn_size(size, &stills.whole) == size && has_methods && is_whole
             }),
             stills,
             base,
@@ -306,16 +308,28 @@ impl Explored {
             Some(judged) => judged,
             None => self.judge(hands)?,
         };
+        let choice = self.choose_by(target, &mut judged, hands);
+        self.judged = Some(judged);
+        choice
+    }
+
+    fn choose_by(&mut self, target: Target, judged: &mut Judged, hands: &mut Hands<'_, '_>) -> anyhow::Result<Choice> {
         let tried = judged.drawn.iter().map(|drawn| Tried::of(target, drawn)).collect();
         let mut full = Full { tried, ..Full::default() };
-        let mut wanted = self.open(target, &judged, None);
+        let mut wanted = self.open(target, judged, None);
         loop {
-            self.try_open(&mut judged, &wanted, hands)?;
+            self.try_open(judged, &wanted, hands)?;
             let known = (squares_of(&judged.drawn[0].error), judged.changes.clone());
-            let choice = self.search(target, Some(&judged), &known, &mut full, hands)?;
-            wanted = self.open(target, &judged, Some(best(target, &full.tried).0));
+            let mut choice = self.search(target, Some(judged), &known, &mut full, hands)?;
+            wanted = self.open(target, judged, Some(best(target, &full.tried).0));
             if wanted.is_empty() {
-                self.judged = Some(judged);
+                let left_out: Vec<_> = judged.open.iter().filter(|(_, known)| known.is_some()).collect();
+                for (change, _) in &left_out {
+                    hands.model.errors.doubt(&self.kind, &self.base, change);
+                }
+                if !left_out.is_empty() {
+                    choice.why += &format!("; changes left out by what views before had: {}", left_out.len());
+                }
                 return Ok(choice);
             }
         }
@@ -327,7 +341,7 @@ impl Explored {
         let open = |change: &Change| (change.clone(), hands.model.errors.of(&self.kind, &self.base, Some(change)));
         let open = self.changes.iter().map(open).collect();
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
-        let (size, small) = (self.size, small(self.size));
+        let (size, small) = (self.size, small_size(self.size));
         let (of_small, milliseconds, maps) = search.still(&self.stills.small, small, None)?;
         let (still, small_still, milliseconds) = match size == small {
             true => (of_small, None, milliseconds),
@@ -345,6 +359,7 @@ impl Explored {
             None => (error, self.passes.clone()),
             Some(still) => search.base_of_small(&self.base, still, small)?,
         };
+        search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&drawn[0].error), &[]);
         let (settings, squares) = (self.base.clone(), squares_of(&error));
         let unchanged = Unchanged { settings, work: self.work, size: small, squares, passes };
         (self.local, self.frames) = (search.local, search.frames);
@@ -358,7 +373,7 @@ impl Explored {
         let mut search = Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames };
         let exact = self.stills.whole.reflection.method;
         let found = search.measured(&judged.unchanged, judged.small_still(), wanted, exact)?;
-        search.hands.model.errors.learn(&self.kind, &self.base, squares_of(&judged.drawn[0].error), &found);
+        search.hands.model.errors.learn_changes(&self.kind, &self.base, &found);
         (self.local, self.frames) = (search.local, search.frames);
         judged.open.retain(|(open, _)| wanted.iter().all(|wanted| wanted.set != open.set));
         judged.changes.extend(found);
@@ -398,7 +413,10 @@ impl Explored {
         let squares = *squares;
         // What was drawn in full before further changes were tried.
         let drawn_before = &tried[judged.map_or(tried.len(), |judged| judged.drawn.len())..];
-        for combination in combinations.iter().filter(|_| !drawn_before.is_empty()) {
+        for combination in &combinations {
+            if drawn_before.is_empty() {
+                break;
+            }
             let known = drawn_before.iter().find(|tried| tried.settings == combination.settings);
             if let Some(errors) = known.and_then(|tried| tried.errors) {
                 let measured = squares_of(&errors);
@@ -556,8 +574,13 @@ fn promising(target: Target, margin: f64, candidates: &[Candidate]) -> Option<&C
             let keeps = |candidate: &&Candidate| candidate.milliseconds <= most * candidate.share(margin);
             let keeping = candidates.iter().filter(keeps).min_by(by_error);
             keeping.or_else(|| {
-                let fastest = candidates.iter().map(time).fold(f64::INFINITY, f64::min);
-                candidates.iter().filter(|candidate| time(candidate) <= fastest * DISTURBED).min_by(by_error)
+                let fastest = candidates.iter().min_by(by_time)?;
+                if !fastest.is_drawn && fastest.milliseconds * MARGIN <= most {
+                    // It may keep to the time after all.
+                    return Some(fastest);
+                }
+                let is_as_fast = |candidate: &&Candidate| time(candidate) <= time(fastest) * DISTURBED;
+                candidates.iter().filter(is_as_fast).min_by(by_error)
             })
         }
         Target::Pixels(most) | Target::DeltaE(most) => {
@@ -645,6 +668,10 @@ mod tests {
         let promised = |target| promising(target, 1.0, &candidates).unwrap().milliseconds;
         assert_eq!(promised(Target::Milliseconds(40.0)), 20.0, "of equal errors the faster");
         assert_eq!(promised(Target::Milliseconds(1.0)), 10.0);
+        let near = [candidate(42.0, 4.0), candidate(50.0, 2.9)];
+        assert_eq!(promising(Target::Milliseconds(40.0), 1.0, &near).unwrap().milliseconds, 42.0, "it may keep to it");
+        let missed = [Candidate { is_drawn: true, ..candidate(42.0, 4.0) }, candidate(50.0, 2.9)];
+        assert_eq!(promising(Target::Milliseconds(40.0), 1.0, &missed).unwrap().milliseconds, 50.0);
         assert_eq!((promised(Target::DeltaE(6.0)), promised(Target::DeltaE(0.1))), (10.0, 20.0));
         let careful = promising(Target::DeltaE(6.0), 0.8, &candidates).unwrap();
         assert_eq!(careful.milliseconds, 20.0, "after misses a prediction needs a margin");

@@ -50,21 +50,28 @@ struct Known {
 }
 
 /// Methods whose passes are known to take so many times what those of an exact one take are not tried.
-const SLOW: f64 = 1.5;
+pub const SLOW: f64 = 1.5;
 
 /// Adds to the passes of a frame those of `base` that drew the shadow maps with which the frame was drawn: those of lamps,
-/// or of virtual lights, if it drew none of its own. A frame without virtual lights has no maps of them. Returns the
+/// or of virtual lights, and those that placed these, as far as it has none of its own: where reflections are followed or no
+/// longer, the lights are placed anew and keep their maps. A frame without virtual lights has neither. Returns the
 /// milliseconds that were added.
 fn add_standing_maps(passes: &mut Vec<PassTime>, base: &[PassTime], has_virtual_lights: bool) -> f64 {
     let drawn = passes.len();
-    for (is_of_kind, has_kind) in
-        [(PassTime::is_of_lamps as fn(&PassTime) -> bool, true), (PassTime::is_of_virtual_lights, has_virtual_lights)]
-    {
-        if has_kind && !passes.iter().any(is_of_kind) {
-            passes.extend(base.iter().filter(|pass| is_of_kind(pass)).cloned());
-        }
-    }
+    let of_lights = passes.iter().filter(|pass| pass.is_of_virtual_lights());
+    let (places, draws) = (of_lights.clone().next().is_some(), of_lights.clone().any(is_of_virtual_maps));
+    let stands = |pass: &&PassTime| match pass.is_of_virtual_lights() {
+        true => has_virtual_lights && !(if is_of_virtual_maps(pass) { draws } else { places }),
+        false => pass.is_of_lamps() && !passes.iter().any(PassTime::is_of_lamps),
+    };
+    let standing: Vec<PassTime> = base.iter().filter(stands).cloned().collect();
+    passes.extend(standing);
     passes[drawn..].iter().map(|pass| pass.milliseconds).sum()
+}
+
+/// Whether a pass of virtual lights draws their shadow maps.
+fn is_of_virtual_maps(pass: &PassTime) -> bool {
+    pass.name.starts_with("vpl_shadow")
 }
 
 /// What is known of the picture before any change, and the size in which changes are tried.
@@ -202,7 +209,8 @@ impl Search<'_, '_, '_> {
         known: Known,
     ) -> anyhow::Result<StillError> {
         let (size, is_of_method) = (drawn_size(unchanged.size, settings), change.is_of_method());
-        let mut has_own_maps = false;
+        // After the still picture its maps may stand, of more lights than the picture without the change has.
+        let mut has_own_maps = change.set.iter().any(|(key, _)| *key == "gi.vpls");
         let mut draw = |search: &mut Self| {
             // After a frame for which shaders were compiled, the maps that it drew are drawn again to be timed. Those of a
             // method are the same as without the change, whose time is known.
@@ -325,6 +333,11 @@ mod tests {
         };
         assert_eq!(sum(&[("indirect", 9.0)], true), 114.0, "all maps stand");
         assert_eq!(sum(&[("shade", 1.0)], false), 41.0, "without virtual lights");
+        assert_eq!(
+            sum(&[("vpl_bounce", 5.0), ("indirect", 9.0)], true),
+            114.0,
+            "lights are placed, and keep their maps"
+        );
         assert_eq!(sum(&[("vpl_shadow_splat", 30.0), ("indirect", 9.0)], true), 79.0, "fewer lights of one bounce");
         assert_eq!(sum(&[("shadow_maps", 20.0), ("vpl_shadow_splat", 30.0)], true), 50.0, "all maps are drawn");
     }

@@ -1,16 +1,16 @@
 //! The still pictures by which changes and combinations are judged.
 
-use scene::Settings;
+use scene::{IndirectBy, Settings};
 
 use super::changes::METHOD;
-use crate::still::judging_settings;
+use crate::still::{STILL_LIGHTS, judging_settings};
 
 /// The most pixels of the small pictures by which single changes are judged.
 const SMALL: f64 = 320.0 * 240.0;
 
 /// `gi.interleave` of still pictures larger than that: each of 3 x 3 pixels is lit by its own ninth of the lights, for a
 /// fraction of the time. Edges, where that shows, are few in large pictures; and settings to choose from have other
-/// numbers, whose pixels make other errors.
+/// numbers, whose pixels make other errors. Fewer lights, light by rays, and light that is not averaged keep 1.
 const LARGE_INTERLEAVE: u32 = 3;
 
 /// The settings of the still pictures.
@@ -24,17 +24,20 @@ pub struct Stills {
 impl Stills {
     /// For a picture of `size` pixels with the settings `base`, of which those in `fixed` stay.
     pub fn new(base: &Settings, fixed: &[String], size: [u32; 2]) -> Self {
-        let small_still = still_of(base, fixed);
-        let mut whole = small_still.clone();
-        if small(size) != size && !fixed.iter().any(|key| key == "gi.interleave") {
-            whole.gi.interleave = LARGE_INTERLEAVE;
+        let small = still_of(base, fixed);
+        let mut whole = small.clone();
+        let is_free = !fixed.iter().any(|key| key == "gi.interleave") && base.gi.interleave != LARGE_INTERLEAVE;
+        let gi = &mut whole.gi;
+        let is_smooth = gi.by == IndirectBy::Lights && gi.filtered && gi.vpls >= STILL_LIGHTS;
+        if small_size(size) != size && is_free && is_smooth {
+            gi.interleave = LARGE_INTERLEAVE;
         }
-        Self { whole, small: small_still }
+        Self { whole, small }
     }
 }
 
 /// The size of small pictures of a view.
-pub fn small(size: [u32; 2]) -> [u32; 2] {
+pub fn small_size(size: [u32; 2]) -> [u32; 2] {
     let share = (SMALL / size.map(f64::from).iter().product::<f64>()).sqrt().min(1.0);
     size.map(|side| ((f64::from(side) * share).round() as u32).max(1))
 }
@@ -56,6 +59,8 @@ fn still_of(base: &Settings, fixed: &[String]) -> Settings {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
     use scene::Method;
 
     use super::*;
@@ -75,9 +80,17 @@ mod tests {
             let stills = Stills::new(&base, fixed, size);
             [stills.whole, stills.small].map(|settings| settings.gi.interleave)
         };
-        assert_eq!((interleaves(&fixed, [320, 240]), interleaves(&fixed, [800, 600])), ([1, 1], [3, 1]));
+        assert_eq!((interleaves(&[], [320, 240]), interleaves(&[], [800, 600])), ([1, 1], [3, 1]));
         assert_eq!(interleaves(&["gi.interleave".to_owned()], [800, 600]), [4, 4]);
-        assert_eq!(small([800, 600]), [320, 240]);
-        assert_eq!(small([64, 48]), [64, 48]);
+        assert_eq!(interleaves(&fixed, [800, 600]), [1, 1], "seven lights a pixel are no truth");
+        let of_large = |key: &str, value: &str| {
+            let mut settings = Settings::default();
+            settings.set_text(key, value).unwrap();
+            Stills::new(&settings, &[], [800, 600]).whole.gi.interleave
+        };
+        let kept = [("gi.by", "rays"), ("gi.filtered", "false"), ("gi.interleave", "3")];
+        assert_eq!((kept.map(|(key, value)| of_large(key, value)), of_large("gi.interleave", "2")), ([1; 3], 3));
+        assert_eq!(small_size([800, 600]), [320, 240]);
+        assert_eq!(small_size([64, 48]), [64, 48]);
     }
 }
