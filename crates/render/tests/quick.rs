@@ -297,7 +297,7 @@ fn a_quick_picture_takes_over_the_light_of_pictures_before_the_last_one() {
         still(&mut stage, &store, &bright, &settings);
         let last = stage.renderer.known_light(&settings).unwrap();
         let mut earlier = EarlierLight::default();
-        earlier.keep(&before, &last);
+        [&before, &last].into_iter().for_each(|known| earlier.add(known));
         let mut quick = QuickPicture::default();
         let mut error = |earlier| {
             quick.draw(&store, &dark, &settings, SIZE, ALL, Known { light: Some(&last), earlier, mirrors: None });

@@ -23,7 +23,7 @@ pub struct MovingPictures {
     quick: QuickPicture,
     /// The light of the last picture at rest.
     light: Option<(LightInputs, Arc<KnownLight>)>,
-    /// That of those before it; `None` if the points have changed since the last one.
+    /// Its light and that of those before it; `None` if the points have changed since.
     earlier: Option<EarlierLight>,
     mirrors: Option<Reflections>,
     reflected: ReflectedPace,
@@ -312,7 +312,10 @@ impl MovingPictures {
         // The coarse frame knows the light, too.
         let inputs = LightInputs::new(request);
         let shown = mirrors.map(|mirrors| &*mirrors.known);
-        let known = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| &**light).or(shown);
+        let of_rest = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| &**light);
+        // Pictures before the last one at rest have the same light as that.
+        let earlier = self.earlier.as_ref().filter(|_| of_rest.is_some());
+        let known = of_rest.or(shown);
         let light = known.filter(|_| !is_unlit(request));
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
@@ -320,7 +323,7 @@ impl MovingPictures {
         self.trail.go_to(request.camera, Instant::now());
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor, most_as_discs: Detail::MOST_AS_DISCS };
-        let known = Known { light, earlier: self.earlier.as_ref(), mirrors: shown };
+        let known = Known { light, earlier, mirrors: shown };
         let mut stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
         stats.reflected = mirrors.map(|mirrors| mirrors.share);
         self.is_shown = true;
@@ -366,7 +369,7 @@ impl MovingPictures {
         store: &PointStore,
         request: &FrameRequest,
     ) -> render::Result<()> {
-        let last = self.light.take();
+        let last = self.light.take().map(|(inputs, _)| inputs);
         self.mirrors = None;
         // Mirrors block light, and throw it.
         self.earlier.take_if(|_| self.stand.as_ref().is_some_and(|(mirrors, ..)| *mirrors != request.mirrors));
@@ -384,12 +387,12 @@ impl MovingPictures {
             }
             self.light = Some((LightInputs::new(request), known)).filter(|_| !is_unlit(request));
         }
-        let mut earlier = self.earlier.take();
-        match (&mut earlier, last, &self.light) {
-            (Some(earlier), Some((before, last)), Some((now, light))) if before == *now => earlier.keep(&last, light),
-            _ => earlier = Some(EarlierLight::default()),
+        if last.as_ref() != self.light.as_ref().map(|(inputs, _)| inputs) {
+            self.earlier = None;
         }
-        self.earlier = earlier;
+        if let Some((_, light)) = &self.light {
+            self.earlier.get_or_insert_default().add(light);
+        }
         Ok(())
     }
 

@@ -5,44 +5,62 @@ use std::sync::Arc;
 
 use super::light::{Before, KnownLight, LIGHT, SeenLight};
 
-/// The light of the pictures at rest before the last one, as long as they show places that later ones do not.
+/// A view with what `SeenLight::normals` says of it.
+type View = (Arc<SeenLight>, Vec<[i8; 4]>);
+
+/// The light of pictures at rest. The pictures before the last one are kept as long as they show places that later ones do
+/// not show.
 #[derive(Default)]
 pub struct EarlierLight {
-    /// The latest one first, with `SeenLight::normals`.
-    views: VecDeque<(Arc<SeenLight>, Vec<[i8; 4]>)>,
+    last: Option<View>,
+    /// Those before it, the latest one first.
+    views: VecDeque<View>,
 }
 
-impl EarlierLight {
-    /// The most views: a look around, for 12 bytes a pixel each.
-    const MOST: usize = 8;
-    /// A view of which the next one knows so much is forgotten.
-    const MOST_KNOWN: f32 = 0.9;
-    /// One pixel in so many says how much that is.
-    const SAMPLED: usize = 61;
+/// The most views before the last one: a look around.
+const MOST: usize = 8;
+/// The most pixels of all of them, which take 12 bytes each.
+const MOST_PIXELS: usize = 10_000_000;
+/// A view of which the next one knows so much is forgotten.
+const MOST_KNOWN: f32 = 0.9;
+/// One pixel in so many along each side says how much that is.
+const SAMPLED: usize = 8;
 
-    /// Keeps what `last` knows before `next` takes its place as the last picture at rest, and forgets views of which `next`
-    /// knows nearly everything.
-    pub fn keep(&mut self, last: &KnownLight, next: &KnownLight) {
-        self.views.push_front((last.seen.clone(), last.seen.normals()));
-        let normals = next.seen.normals();
-        self.views.retain(|(view, _)| known_share(view, (&next.seen, &normals)) < Self::MOST_KNOWN);
-        self.views.truncate(Self::MOST);
+impl EarlierLight {
+    /// Adds the light of a picture at rest, and forgets pictures of which it knows nearly everything.
+    pub fn add(&mut self, known: &KnownLight) {
+        let next = (known.seen.clone(), known.seen.normals());
+        self.views.extend(self.last.take());
+        self.views.rotate_right(1.min(self.views.len()));
+        self.views.retain(|view| known_share(view, &next) < MOST_KNOWN);
+        self.views.truncate(MOST);
+        let mut pixels = 0;
+        let mut is_within = |(seen, _): &View| {
+            pixels += seen.light.len();
+            pixels <= MOST_PIXELS
+        };
+        let within = self.views.iter().take_while(|view| is_within(view)).count();
+        self.views.truncate(within);
+        self.last = Some(next);
     }
 
+    /// The views before the last one.
     pub(super) fn views(&self) -> impl Iterator<Item = (&SeenLight, &[[i8; 4]])> {
         self.views.iter().map(|(view, normals)| (&**view, &normals[..]))
     }
 }
 
-/// The share of the light in a view that another one knows, too: 1 if it has none.
-fn known_share(view: &SeenLight, (other, normals): (&SeenLight, &[[i8; 4]])) -> f32 {
+/// The share of the light in a view, as far as other views may take it over, that another view knows, too: 1 if it has none.
+fn known_share((view, normals): &View, (other, of_other): &View) -> f32 {
     let before = Before::new(other, &view.camera);
-    let lit = (0..view.light.len()).step_by(EarlierLight::SAMPLED).filter(|pixel| view.light[*pixel][3] == LIGHT);
+    let [width, height] = view.size;
     let (mut all, mut known) = (0, 0);
-    for pixel in lit {
-        all += 1;
-        let (x, y) = (pixel % view.size[0], pixel / view.size[0]);
-        known += u32::from(before.light_of_side(normals, x, y, view.depth[pixel]).is_some());
+    for (x, y) in (0..height).step_by(SAMPLED).flat_map(|y| (0..width).step_by(SAMPLED).map(move |x| (x, y))) {
+        let pixel = y * width + x;
+        if view.light[pixel][3] == LIGHT && normals[pixel] != [0; 4] {
+            all += 1;
+            known += u32::from(before.light_of_side(of_other, x, y, view.depth[pixel]).is_some());
+        }
     }
     if all == 0 { 1.0 } else { known as f32 / all as f32 }
 }
@@ -115,16 +133,27 @@ mod tests {
     fn views_that_the_next_one_knows_are_forgotten_and_so_are_the_oldest() {
         let at = |x: f64, y: f64| view(DVec3::new(x, y, 0.0), "perspective").1;
         let mut earlier = EarlierLight::default();
-        earlier.keep(&at(4.0, 0.0), &at(4.0, 0.05));
-        assert_eq!(earlier.views.len(), 0, "the same view twice");
-        earlier.keep(&at(4.0, 0.0), &at(-4.0, 0.0));
-        assert_eq!(earlier.views.len(), 1, "the other side");
-        earlier.keep(&at(-4.0, 0.0), &at(4.0, 0.05));
-        assert_eq!(earlier.views.len(), 1, "that side again");
-        for step in 0..20 {
-            let [last, next] = [step, step + 1].map(|step| at(4.0, 20.0 * f64::from(step)));
-            earlier.keep(&last, &next);
+        let mut kept = |known: KnownLight| {
+            earlier.add(&known);
+            earlier.views.iter().map(|(view, _)| view.camera.eye.x).collect::<Vec<_>>()
+        };
+        assert_eq!(kept(at(4.0, 0.0)), []);
+        assert_eq!(kept(at(4.1, 0.05)), [], "the same view twice");
+        assert_eq!(kept(at(-4.0, 0.0)), [4.1], "the other side");
+        assert_eq!(kept(at(4.2, 0.05)), [-4.0], "that side again");
+        let many: Vec<_> = (1..=20).map(|step| kept(at(4.0 + f64::from(step), 30.0 * f64::from(step)))).collect();
+        assert_eq!(many[19], [23.0, 22.0, 21.0, 20.0, 19.0, 18.0, 17.0, 16.0]);
+        // Where every other line of pixels is empty, the same view is the same, too.
+        let mut earlier = EarlierLight::default();
+        for _ in 0..3 {
+            let mut known = at(4.0, 0.0);
+            let seen = Arc::get_mut(&mut known.seen).unwrap();
+            let empty = |pixel: &usize| (pixel / 40) % 3 == 1;
+            for pixel in (0..seen.depth.len()).filter(empty) {
+                (seen.depth[pixel], seen.light[pixel]) = (0.0, [0; 4]);
+            }
+            earlier.add(&known);
         }
-        assert_eq!(earlier.views.len(), EarlierLight::MOST);
+        assert_eq!(earlier.views.len(), 0);
     }
 }

@@ -84,6 +84,9 @@ const LOOKS: usize = 4;
 /// The width in pixels of the tiles whose mean light stands for what is not known in them.
 const TILE: usize = 16;
 
+/// The most pictures before the last one in which a pixel is looked for.
+const MOST_LOOKED_UP: usize = 3;
+
 /// The fourth bytes of what is known of a pixel.
 const NOTHING: u8 = 0;
 pub const LIGHT: u8 = 1;
@@ -173,8 +176,8 @@ impl SeenLight {
         rows.flat_map_iter(|y| (0..width).map(move |x| of_pixel(x, y).unwrap_or([0; 4]))).collect()
     }
 
-    /// By how much codes of this light grow where a picture that is brightened by `stops` takes them over: codes are roots of
-    /// light that is brightened as the picture was.
+    /// By how much codes of this light grow where a picture that is brightened as `shown` takes them over: codes are roots of
+    /// light that is brightened as its picture was.
     pub fn gain(&self, shown: &Self) -> f32 {
         ((shown.stops - self.stops) * 0.5).exp2()
     }
@@ -465,15 +468,19 @@ pub fn spread(
     };
     let other = |seen| (Before::new(seen, frame), seen.gain(&light.seen));
     let later = known.mirrors.filter(|later| !std::ptr::eq(*later, light)).map(|later| other(&*later.seen));
-    // Most of the pictures before show other places.
+    // Each picture before is looked up where all others know nothing, so only those that know most are: the others show other
+    // places.
     let tiles = (0..height).step_by(TILE).flat_map(|y| (0..width).step_by(TILE).map(move |x| (x, y)));
     let sampled = tiles.map(|(x, y)| (x, y, depth[(y + 1) * stride + 1 + x]));
     let sampled: Vec<_> = sampled.filter(|(x, y, depth)| before.light(*x, *y, *depth).is_none()).collect();
-    let knows = |((view, _), normals): &((Before<'_>, f32), &[[i8; 4]])| {
-        sampled.iter().any(|(x, y, depth)| view.light_of_side(normals, *x, *y, *depth).is_some())
+    let known_of = |view: &Before<'_>, normals: &[[i8; 4]]| {
+        sampled.iter().filter(|(x, y, depth)| view.light_of_side(normals, *x, *y, *depth).is_some()).count()
     };
-    let views = known.earlier.into_iter().flat_map(EarlierLight::views);
-    let earlier: Vec<_> = views.map(|(seen, normals)| (other(seen), normals)).filter(knows).collect();
+    let views = known.earlier.into_iter().flat_map(EarlierLight::views).map(|(seen, normals)| (other(seen), normals));
+    let views = views.map(|((view, gain), normals)| (known_of(&view, normals), ((view, gain), normals)));
+    let mut earlier: Vec<_> = views.filter(|(known, _)| *known > 0).collect();
+    earlier.sort_by_key(|(known, _)| std::cmp::Reverse(*known));
+    let earlier: Vec<_> = earlier.into_iter().take(MOST_LOOKED_UP).map(|(_, view)| view).collect();
     let rows = lights.par_chunks_mut(width).zip(color.par_chunks(width)).with_min_len(8).enumerate();
     rows.for_each(|(y, (lights, color))| {
         let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
