@@ -11,8 +11,9 @@
 @group(1) @binding(1) var normal_in: texture_2d<f32>;
 // xyz: relative to the eye, w: coverage.
 @group(1) @binding(2) var position_in: texture_2d<f32>;
-// See kept_place.wgsl. w: the number of rays.
+// See kept_place.wgsl. clip.w: the most rays that are taken over.
 @group(1) @binding(3) var<uniform> before: Frame;
+// w: the number of rays.
 @group(1) @binding(4) var<storage, read> kept: array<vec4u>;
 // See light_ray_keep.wgsl.
 @group(1) @binding(5) var<storage, read> kept_light: array<vec4f>;
@@ -33,10 +34,11 @@ fn light_ray_reuse(@builtin(global_invocation_id) thread: vec3u) {
         if pixel != NOWHERE {
             let place = kept[pixel];
             let light = kept_light[pixel];
-            path.count = f32(place.w);
+            path.count = min(f32(place.w), before.clip.w);
             path.diffuse = vec4f(light.rgb * path.count, 0.0);
             path.nearness = light.a * path.count;
-            let offset = (bitcast<vec3f>(place.xyz) - before.clip.xyz - position.xyz) / own_spacing(position.xyz);
+            let apart = bitcast<vec3f>(place.xyz) - before.clip.xyz - position.xyz;
+            let offset = clamp(apart / own_spacing(position.xyz), vec3f(-6e4), vec3f(6e4));
             path.offset = vec2u(pack2x16float(offset.xy), pack2x16float(vec2f(offset.z, 0.0)));
         }
     }

@@ -1,6 +1,6 @@
 // Finds a place of this frame among those that the frame before has kept. The shader that imports this binds
-// `before`, the camera of the frame before, whose clip is this frame's eye relative to that one's, and `kept`: an element for
-// each pixel of that frame. xyz: f32 bits of a place relative to that frame's eye, w: 0 if there is none.
+// `before`, the camera of the frame before, whose clip.xyz is this frame's eye relative to that one's, and `kept`: an element
+// for each pixel of that frame. xyz: f32 bits of a place relative to that frame's eye, w: 0 if there is none.
 #import frame_group
 
 // Places are taken over from pixels at most so many pixels away.

@@ -2,7 +2,7 @@
 //! tree of discs, as `surfel_trace` does for mirrors. What a ray meets is lit by the scene's lights; where the path
 //! ends, the virtual lights add all further reflections. Mirrors reflect the rays that meet them. Rays that leave the
 //! scene find the sky. The sums grow from frame to frame while camera, points and light stand still, and are the same
-//! however many rays a frame adds. While the camera moves, each frame takes over the sums of the frame before, place by
+//! however many rays a frame adds. While something moves, each frame takes over the sums of the frame before, place by
 //! place, and goes on with them.
 
 use std::ops::Range;
@@ -41,18 +41,26 @@ pub(crate) struct LightRays {
     /// Whether the sums are those of the frame before and what was added to them.
     has_taken: bool,
     state: u64,
+    /// The sums of the last frame that was finished, and of the frame being drawn.
     kept: Option<KeptRays>,
+    next: Option<KeptRays>,
+    spare: Option<[wgpu::Buffer; 2]>,
 }
 
 /// The sums of a frame, for the next one while something moves.
 struct KeptRays {
     /// The places where the rays began and their numbers, and their light: see shaders/light_ray_keep.wgsl.
-    places: wgpu::Buffer,
-    light: wgpu::Buffer,
-    /// The camera of the frame and what its light depends on, and whether the frame is finished.
-    of: (FrameCamera, SummedLight),
-    is_finished: bool,
+    buffers: [wgpu::Buffer; 2],
+    camera: FrameCamera,
+    /// What the light depends on, and the revision of the points.
+    source: SummedLight,
+    revision: u64,
+    /// The number of rays of most pixels.
+    summed: u32,
 }
+
+/// Where points have changed, so many rays of the frame before count at most: those that are added replace them soon.
+const OF_OTHER_POINTS: u32 = 4;
 
 /// The rays that a frame adds to the sums.
 pub(crate) struct RayShare<'a> {
@@ -68,6 +76,8 @@ pub(crate) struct RayShare<'a> {
     /// What the frame does with the sums of the frame before, and what its light depends on.
     pub reuse: LightReuse,
     pub source: SummedLight,
+    /// The revision of the points.
+    pub revision: u64,
 }
 
 impl LightRays {
@@ -97,6 +107,8 @@ impl LightRays {
             has_taken: false,
             state: 0,
             kept: None,
+            next: None,
+            spare: None,
         })
     }
 
@@ -149,24 +161,26 @@ impl LightRays {
             reuses = false;
             self.state += 1;
         }
-        // Most pixels have the rays of the frames before, too.
-        self.summed = if self.has_taken { share.total } else { share.numbers.end };
+        let added = share.numbers.len() as u32;
+        self.summed = match self.has_taken && !is_glossy {
+            true => share.total.min(self.summed + added),
+            // Highlights are not taken over.
+            false => share.numbers.end,
+        };
         self.keep(recorder, search, share)?;
         recorder.time_as(None);
         Ok(())
     }
 
     /// Takes over the sums of the frame before if its light is the same. Returns whether it is.
-    fn take(&self, recorder: &mut Recorder<'_>, search: &Search<'_>, share: &RayShare<'_>) -> Result<bool> {
+    fn take(&mut self, recorder: &mut Recorder<'_>, search: &Search<'_>, share: &RayShare<'_>) -> Result<bool> {
         let Search { supply, camera, .. } = search;
-        let Some(KeptRays { places, light, of: (before, source), is_finished: true }) = &self.kept else {
-            return Ok(false);
-        };
-        if share.reuse != LightReuse::Reuse || *source != share.source {
-            return Ok(false);
-        }
+        let is_same = |kept: &&KeptRays| share.reuse == LightReuse::Reuse && kept.source == share.source;
+        let Some(kept) = self.kept.as_ref().filter(is_same) else { return Ok(false) };
+        let most = if kept.revision == share.revision { share.total } else { OF_OTHER_POINTS };
         recorder.time_as(Some(LIGHT_RAYS));
-        let before = camera_before(recorder.gpu, before, &supply.camera);
+        let before = camera_before(recorder.gpu, &kept.camera, &supply.camera, most as f32);
+        let [places, light] = &kept.buffers;
         let bindings = passes::light_ray_reuse {
             albedo_in: camera.albedo.bind(),
             normal_in: camera.normal.bind(),
@@ -177,22 +191,28 @@ impl LightRays {
             paths: self.paths.as_entire_binding(),
         };
         recorder.over_pixels(&[], supply, bindings)?;
+        self.summed = kept.summed.min(most);
         Ok(true)
     }
 
-    /// Keeps the sums for the next frame. If the frame is given up after that, they are lost.
+    /// Keeps the sums for the frames that follow, unless these are the first rays of a picture at rest, and more are kept.
     fn keep(&mut self, recorder: &mut Recorder<'_>, search: &Search<'_>, share: &RayShare<'_>) -> Result<()> {
-        let before = self.kept.take();
+        self.next = None;
         if share.reuse == LightReuse::Never {
+            (self.kept, self.spare) = (None, None);
+            return Ok(());
+        }
+        let has_more = self.kept.as_ref().is_some_and(|kept| kept.source == share.source && kept.summed > self.summed);
+        if share.reuse == LightReuse::Keep && has_more {
             return Ok(());
         }
         let pixels = self.size().iter().map(|edge| u64::from(*edge)).product::<u64>();
         let buffer = |label, bytes| storage(&recorder.gpu.device, label, bytes);
-        let buffers = before.map(|before| [before.places, before.light]);
-        let buffers = buffers.filter(|[places, _]| places.size() == pixels * KEPT_PLACE_BYTES);
-        let [places, light] = buffers.unwrap_or_else(|| {
+        let spare = self.spare.take().filter(|[places, _]| places.size() == pixels * KEPT_PLACE_BYTES);
+        let buffers = spare.unwrap_or_else(|| {
             [buffer("places of rays", pixels * KEPT_PLACE_BYTES), buffer("light of rays", pixels * KEPT_MEAN_BYTES)]
         });
+        let [places, light] = &buffers;
         let bindings = passes::light_ray_keep {
             position_in: search.camera.position.bind(),
             paths: self.paths.as_entire_binding(),
@@ -200,21 +220,21 @@ impl LightRays {
             kept_light: light.as_entire_binding(),
         };
         recorder.over_pixels(&[], &search.supply, bindings)?;
-        let of = (search.supply.camera, share.source.clone());
-        self.kept = Some(KeptRays { places, light, of, is_finished: false });
+        let (camera, source, revision) = (search.supply.camera, share.source.clone(), share.revision);
+        self.next = Some(KeptRays { buffers, camera, source, revision, summed: self.summed });
         Ok(())
     }
 
     /// Records that the frame is finished, so that the next one may take its sums.
     pub fn finish(&mut self) {
-        if let Some(kept) = &mut self.kept {
-            kept.is_finished = true;
+        if let Some(next) = self.next.take() {
+            self.spare = self.kept.replace(next).map(|kept| kept.buffers);
         }
     }
 
     /// Forgets the sums of earlier frames.
     pub fn forget(&mut self) {
-        self.kept = None;
+        (self.kept, self.next) = (None, None);
     }
 
     /// Rays for a picture of another size, which may take over the sums of the frame before.
@@ -329,7 +349,8 @@ impl LightRays {
 
     pub fn bytes(&self) -> u64 {
         let images = [&self.straight, &self.diffuse, &self.glossy].map(Image::bytes).iter().sum::<u64>();
-        let kept = self.kept.as_ref().map_or(0, |kept| kept.places.size() + kept.light.size());
+        let kept = self.kept.iter().chain(&self.next).map(|kept| &kept.buffers).chain(&self.spare);
+        let kept: u64 = kept.flatten().map(wgpu::Buffer::size).sum();
         self.gather.bytes() + self.bounces.iter().map(Bounce::bytes).sum::<u64>() + self.paths.size() + images + kept
     }
 }

@@ -82,8 +82,8 @@ pub(crate) struct Stage {
     light_reuse: LightReuse,
 }
 
-/// The size of the picture of a rehearsal: within a workgroup, and no power of two. Mesa's software Vulkan compiles a pass for
-/// textures whose edges are powers of two, and once more for others, as most pictures are.
+/// The size of the picture of a rehearsal: within a workgroup, and no power of two. Mesa's software Vulkan compiles a pass
+/// anew for textures whose width, or height, is a power of two, which those of most pictures are not.
 const STAGE_SIZE: [u32; 2] = [7, 7];
 
 /// How many rehearsals are known before all are forgotten; a slider makes one for each number.

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use cloud::{Chunk, STRAY_RADIUS};
 use glam::{DVec3, Vec3};
-use render::{Aov, Frame, FrameStats, LightReuse, Material, Objects, PointStore};
+use render::{Aov, Effort, Frame, FrameStats, LightReuse, Material, Objects, PointStore};
 use scene::five_mirrors::{self, Variant};
 use scene::{Camera, Mirror, Settings, Shape, SpotLight};
 
@@ -360,6 +360,9 @@ fn a_moving_camera_takes_over_the_rays_of_the_frames_before() {
     let ratio = mean(&taken) / mean(&still);
     assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
     // Moving leaves no trace in still pictures.
+    draw(&mut stage, 11, LightReuse::Reuse, Some(1));
+    draw(&mut stage, 12, LightReuse::Reuse, Some(1));
+    assert!(draw(&mut stage, 12, LightReuse::Keep, None).1 == picture);
     stage.renderer.forget();
     assert!(draw(&mut stage, 12, LightReuse::Never, None).1 == picture);
     // Another light needs rays of its own.
@@ -369,4 +372,67 @@ fn a_moving_camera_takes_over_the_rays_of_the_frames_before() {
     render(&mut stage, &store, &at(1), &settings, &[brighter]);
     let ratio = mean(&read(&stage, Aov::Indirect)) / mean(&still);
     assert!((ratio - 2.0).abs() < 0.2, "{ratio}");
+}
+
+#[test]
+fn rays_of_before_are_not_taken_over_where_a_mirror_has_moved() {
+    let mut stage = stage_or_skip!();
+    let beside = wall(DVec3::new(-2.0, 2.0, 0.0), [DVec3::X * 4.0, DVec3::Z * 2.0]);
+    let store = store_of(&stage, vec![floor(), beside], Material::default());
+    let settings = settings(&[("gi.by", "rays"), ("gi.rays_per_pixel", "32"), ("mirror.surface", "exact")]);
+    let camera = Camera::looking(DVec3::ZERO, DVec3::new(0.3, -1.0, 0.6), 4.0, DVec3::Z);
+    let lights = [SpotLight {
+        position: DVec3::new(0.0, -1.0, 3.0),
+        target: DVec3::ZERO,
+        intensity: [10.0; 3],
+        inner_degrees: 60.0,
+        outer_degrees: 70.0,
+    }];
+    let mirror = |x: f64| [Mirror::standing(Shape::Sphere, DVec3::new(x, 0.5, 0.5), DVec3::Z, DVec3::Y, 0.5)];
+    let draw = |stage: &mut Stage, mirrors: &[Mirror], reuse: LightReuse, samples: Option<u32>| {
+        let effort = Effort { light_reuse: reuse, most_samples: samples, ..Effort::FULL };
+        let objects = Objects { lights: &lights, mirrors, ..Objects::default() };
+        stage.renderer.render(&store, &Frame { effort, ..Frame::new(&camera, &settings, objects, SIZE) }).unwrap();
+        read(stage, Aov::Indirect)
+    };
+    let is_near = |a: &[DVec3], b: &[DVec3]| {
+        let pairs: Vec<_> = a.iter().zip(b).filter(|(a, b)| !a.is_nan() && !b.is_nan()).collect();
+        let difference = pairs.iter().map(|(a, b)| (**a - **b).length()).sum::<f64>();
+        difference / pairs.iter().map(|(_, b)| b.length()).sum::<f64>()
+    };
+    let all = draw(&mut stage, &mirror(0.5), LightReuse::Keep, None);
+    let same = draw(&mut stage, &mirror(0.5), LightReuse::Reuse, Some(1));
+    assert!(is_near(&same, &all) < 0.01, "{}", is_near(&same, &all));
+    let moved = draw(&mut stage, &mirror(-0.5), LightReuse::Reuse, Some(1));
+    stage.renderer.forget();
+    let anew = draw(&mut stage, &mirror(-0.5), LightReuse::Reuse, Some(1));
+    assert_eq!(is_near(&moved, &anew), 0.0, "light of where the mirror was");
+}
+
+#[test]
+fn rays_of_before_count_little_where_points_have_come() {
+    let mut stage = stage_or_skip!();
+    let chunks = five_mirrors::sample(Variant::None, 20_000, 1).into_iter().flat_map(|part| part.chunks).collect();
+    let mut store = store_of(&stage, chunks, Material::default());
+    let settings = settings(&[("gi.by", "rays"), ("gi.rays_per_pixel", "32"), ("gi.vpls", "64")]);
+    let (camera, lights) = (five_mirrors::camera(), [five_mirrors::light()]);
+    let mut draw = |store: &PointStore, reuse: LightReuse, samples: Option<u32>| {
+        (stage.effort.light_reuse, stage.effort.most_samples) = (reuse, samples);
+        stage.effort.light_may_lag = reuse == LightReuse::Reuse;
+        render(&mut stage, store, &camera, &settings, &lights);
+        read(&stage, Aov::Indirect)
+    };
+    let all = draw(&store, LightReuse::Keep, None);
+    let error = |light: &[DVec3]| {
+        let pairs: Vec<_> = light.iter().zip(&all).filter(|(a, b)| !a.is_nan() && !b.is_nan()).collect();
+        let difference: f64 = pairs.iter().map(|(a, b)| (**a - **b).length()).sum();
+        difference / pairs.iter().map(|(_, b)| b.length()).sum::<f64>()
+    };
+    let same = error(&draw(&store, LightReuse::Reuse, Some(1)));
+    // A small thing in the middle of the box.
+    let other = store.add_cloud(Material::default());
+    store.add_chunk(other, &wall(DVec3::ZERO, [DVec3::X * 0.02, DVec3::Y * 0.02]), None).unwrap();
+    let after: Vec<f64> = (0..12).map(|_| error(&draw(&store, LightReuse::Reuse, Some(1)))).collect();
+    println!("{same} with the same points, then {after:?}");
+    assert!(same < 0.01 && after[0] > 3.0 * same && after[11] > 3.0 * same && after[11] < 0.2);
 }

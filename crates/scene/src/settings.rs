@@ -273,7 +273,7 @@ params! {
     pub struct Gi = "gi" in "Light" => affects(shading) {
         /// What brings indirect light to the surfaces that the camera sees: the virtual lights, or rays that each pixel sends through the tree of discs. What a ray meets is lit by the scene's lights and, where it ends, by the virtual lights. Surfaces in mirrors and behind glass are lit by virtual lights either way.
         by: IndirectBy = IndirectBy::Lights;
-        /// Rays of each pixel at rest, of which the first picture shows one and each further picture more; four times as many halve the noise. While something moves, one. Powers of two are spread most evenly.
+        /// Rays of each pixel at rest, of which the first picture shows one and each further picture more; four times as many halve the noise. While something moves, each picture takes over those of the one before and adds one. Powers of two are spread most evenly.
         rays_per_pixel: u32 = 64, 1..=4096, "rays";
         /// Reflections between surfaces that rays follow themselves; the virtual lights give those beyond them, up to gi.bounces. Mirrors reflect rays besides, as often as reflection.bounces says.
         ray_bounces: u32 = 1, 1..=4, "bounces";

@@ -24,7 +24,7 @@ pub enum LightReuse {
     /// Frames take the light of the frame before where it is of the same place, compute the rest, and keep both. The
     /// light is then that of a place within a few pixels. Surfaces with highlights are computed. What is computed is
     /// lit by one virtual light in `HURRIED_PARTS`, and so is what mirrors show, because its places in the frame before
-    /// are not known.
+    /// are not known. Light by rays is taken over with its number of rays, and goes on from there.
     Reuse,
 }
 
@@ -58,10 +58,11 @@ pub(crate) struct Taken {
     pub tiles: Option<wgpu::Buffer>,
 }
 
-/// The camera of the frame before on the GPU, as shaders/shared/kept_place.wgsl has it.
-pub(crate) fn camera_before(gpu: &Gpu, before: &FrameCamera, now: &FrameCamera) -> wgpu::Buffer {
+/// The camera of the frame before on the GPU, as shaders/shared/kept_place.wgsl has it, with the most rays that are taken
+/// over from each of its pixels.
+pub(crate) fn camera_before(gpu: &Gpu, before: &FrameCamera, now: &FrameCamera, most_rays: f32) -> wgpu::Buffer {
     let moved = (now.eye - before.eye).as_vec3();
-    uniform_buffer(gpu, bytemuck::bytes_of(&Frame { clip: Vec4::from((moved, 0.0)), ..before.to_gpu() }))
+    uniform_buffer(gpu, bytemuck::bytes_of(&Frame { clip: Vec4::from((moved, most_rays)), ..before.to_gpu() }))
 }
 
 impl Keeper {
@@ -92,7 +93,7 @@ impl Keeper {
         let groups = inputs.pixel_groups();
         let tiles = storage(&gpu.device, "tiles to light", u64::from(groups[0]) * u64::from(groups[1]) * 4);
         recorder.clear(&tiles);
-        let camera = camera_before(gpu, &before.camera, &inputs.camera);
+        let camera = camera_before(gpu, &before.camera, &inputs.camera, 0.0);
         let bindings = passes::indirect_reuse {
             albedo_in: surface.albedo.bind(),
             normal_in: surface.normal.bind(),

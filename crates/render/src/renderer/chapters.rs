@@ -212,6 +212,7 @@ pub(super) fn light_rays(
         counters,
         reuse: plan.effort.light_reuse,
         source: plan.reusable(generations),
+        revision: store.revision(),
     };
     rays.add(recorder, &mut search, &mut light, &mut methods.index, &share)?;
     sums.samples = numbers.end;

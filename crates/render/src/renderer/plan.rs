@@ -103,6 +103,8 @@ pub(crate) struct SummedLight {
     settings: Settings,
     lights: Vec<MappedLight>,
     sky: Option<Sky>,
+    /// Rays of light meet them.
+    mirrors: Vec<Mirror>,
     /// The generations of the virtual lights and of the photons, if there are any.
     generations: [Option<u64>; 2],
     reuse: LightReuse,
@@ -289,16 +291,22 @@ impl<'a> Plan<'a> {
             settings: self.settings.only(|field| field.affects.shading),
             lights: self.lights.clone(),
             sky: self.sky,
+            mirrors: self.objects.mirrors.to_vec(),
             generations,
             reuse: self.effort.light_reuse,
         }
     }
 
-    /// What light by rays that may be taken over depends on. What pictures in motion spare for reflections hardly changes it.
+    /// What light by rays that may be taken over depends on. What pictures in motion spare for reflections hardly changes it,
+    /// and the finer maps of sun and sky go with the view.
     pub fn reusable(&self, generations: [Option<u64>; 2]) -> SummedLight {
         let mut light = self.light(generations);
         let Reflection { bounces, samples, .. } = Reflection::default();
         (light.settings.reflection.bounces, light.settings.reflection.samples) = (bounces, samples);
+        if light.lights.first().is_some_and(|light| light.camera.orthographic) {
+            light.lights.truncate(1);
+        }
+        light.sky = light.sky.map(|sky| Sky { near: None, ..sky });
         light.reuse = LightReuse::Reuse;
         light
     }
