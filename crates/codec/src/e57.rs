@@ -38,10 +38,10 @@ pub fn is_e57(start: &[u8]) -> bool {
     start.starts_with(b"ASTM-E57")
 }
 
-/// Opens all scans of a file.
+/// Opens all scans of a file that can be read; the first of them has what is wrong with the others.
 ///
 /// # Errors
-/// If its description cannot be read, or it has no scans.
+/// If its description cannot be read, it has no scans, or none of them can be read.
 pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
     let path = file.path().to_owned();
     let fail = |place: &str, problem: String| Error::malformed(&path, place, problem);
@@ -69,7 +69,7 @@ pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
     if of > MOST_SCANS {
         return Err(fail("description", format!("{of} scans, expected at most {MOST_SCANS}")));
     }
-    let mut sources = Vec::new();
+    let (mut sources, mut lost) = (Vec::new(), Vec::new());
     for (number, scan) in scans.iter().enumerate() {
         let place = format!("scan {}", name_of(scan.name.as_ref(), "scan", number));
         let mut info = Info::of_rows(&path, Format::E57, version.clone());
@@ -77,8 +77,16 @@ pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
         info.epsg = crs.as_deref().and_then(wkt::level_code);
         // The standard has metres alone.
         info.units = Units { level: Some(Unit::Metre), height: Some(Unit::Metre) };
-        info.images = if number == 0 { images.clone() } else { Vec::new() };
-        sources.push(open_scan(file, scan, (number, of), info).map_err(|problem| fail(&place, problem))??);
+        info.images = if sources.is_empty() { images.clone() } else { Vec::new() };
+        let opened = open_scan(file, scan, (number, of), info).map_err(|problem| fail(&place, problem));
+        match opened.and_then(std::convert::identity) {
+            Ok(source) => sources.push(source),
+            Err(error) => lost.push(error),
+        }
+    }
+    match sources.first_mut() {
+        Some(first) => first.lose(lost.iter().map(Error::to_string).collect()),
+        None => lost.into_iter().next().map_or(Ok(()), Err)?,
     }
     Ok(sources)
 }

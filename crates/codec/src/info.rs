@@ -51,7 +51,8 @@ pub struct Info {
     /// The least and the greatest value that a sensor gives, for attributes for which the file gives them.
     pub limits: Vec<(String, [f64; 2])>,
     pub warnings: Vec<String>,
-    /// What is wrong with tiles of the same catalogue that cannot be opened. The first tile that can be has it.
+    /// What is wrong with tiles of the same catalogue, or scans of the same file, that cannot be opened. The first one that
+    /// can be has it.
     pub lost: Vec<String>,
 }
 

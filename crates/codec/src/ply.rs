@@ -174,6 +174,11 @@ impl RowSource {
         &self.info
     }
 
+    /// Notes what is wrong with other scans of the same file, which cannot be opened.
+    pub fn lose(&mut self, lost: Vec<String>) {
+        self.info.lost = param::few(lost, "scans that cannot be read");
+    }
+
     pub fn bytes(&self) -> &Bytes {
         &self.file
     }

@@ -271,6 +271,39 @@ fn a_pose_turns_and_moves_points_and_normals_and_is_the_scanners_place() {
 }
 
 #[test]
+fn a_scan_that_cannot_be_read_hides_no_others() {
+    let opened = |names: &[&str]| {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut writer = E57Writer::new(&mut bytes, "a file").unwrap();
+        for name in names {
+            let axes = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
+            let mut scan = writer.add_pointcloud(name, axes).unwrap();
+            scan.set_name(Some((*name).into()));
+            let x = if name.starts_with("lost") { f64::NAN } else { 1.0 };
+            let translation = Translation { x, y: 2.0, z: 3.0 };
+            scan.set_transform(Some(Transform { rotation: Quaternion::default(), translation }));
+            scan.add_point(numbers([1.0, 2.0, 3.0])).unwrap();
+            scan.finalize().unwrap();
+        }
+        writer.finalize().unwrap();
+        drop(writer);
+        let (_folder, path) = place(&bytes.into_inner());
+        codec::open_scans(&path, MEMORY)
+    };
+    let all = opened(&["lost one", "hall", "lost two", "attic"]).unwrap();
+    let names: Vec<String> = all.iter().map(|source| source.info().name()).collect();
+    assert_eq!(names, ["hall.e57, hall", "hall.e57, attic"]);
+    assert!(all.iter().all(|source| read(source).1.points == 1));
+    let lost = &all[0].info().lost;
+    assert_eq!((lost.len(), all[1].info().lost.len()), (2, 0), "{lost:?}");
+    for (told, name) in std::iter::zip(lost, ["lost one", "lost two"]) {
+        assert!(told.contains(&format!("hall.e57: scan {name}: its pose has numbers")), "{told}");
+    }
+    let error = opened(&["lost one"]).err().unwrap().to_string();
+    assert!(error.contains("scan lost one: its pose has numbers"), "{error}");
+}
+
+#[test]
 fn invalid_points_are_left_out_and_counted() {
     let prototype = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64, INVALID];
     let with = |state: i64, at: f64| {
