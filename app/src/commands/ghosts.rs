@@ -48,6 +48,8 @@ pub fn run(arguments: &GhostsArguments) -> anyhow::Result<u8> {
     if sources.is_empty() {
         return Ok(status);
     }
+    let of_files = sources.iter().flat_map(|source| world::file_warnings(source.info()));
+    terminal::warn(param::few(of_files.collect(), "warnings"));
     let (progress, finds) = (Progress::default(), given.is_empty());
     let given = given.into_iter().map(Found::given).collect();
     let look = || ghosts::look(&sources, &arguments.station, given, finds, &progress);

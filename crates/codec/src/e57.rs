@@ -118,8 +118,11 @@ fn open_scan(
     info.scan = Some(Scan { name: name_of(scan.name.as_ref(), "scan", number), number, of, position, turn, times });
     info.limits = layout.intensity_limits.map(|limits| ("intensity".to_owned(), limits)).into_iter().collect();
     let color_scale = layout.color_scale;
+    // A range counts from the scanner by what it is; coordinates may be those of the world all the same.
+    let is_sure = layout.is_spherical;
     let maker = Box::new(Maker { layout, packets, pose: pose.filter(|_| is_moved) });
-    Ok(RowSource::made(file.clone(), Made { maker, rows, is_text: false, newline: b'\n', color_scale, info }))
+    let made = Made { maker, rows, is_text: false, newline: b'\n', color_scale, info };
+    Ok(RowSource::made(file.clone(), made).map(|source| if is_sure { source } else { source.doubting_scanner() }))
 }
 
 /// How a scan is turned and moved.

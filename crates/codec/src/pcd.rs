@@ -217,7 +217,8 @@ pub fn open(file: &Arc<Bytes>) -> Result<RowSource> {
     });
     let is_text = header.data == Data::Ascii;
     let maker = Box::new(maker);
-    RowSource::made(file.clone(), Made { maker, rows, is_text, newline: b'\n', color_scale: None, info })
+    let made = Made { maker, rows, is_text, newline: b'\n', color_scale: None, info };
+    RowSource::made(file.clone(), made).map(RowSource::doubting_scanner)
 }
 
 /// What a property is made of: a number of the file, or a byte of one that holds a colour.

@@ -26,6 +26,7 @@ use std::io::Read as _;
 use std::sync::{Arc, Mutex};
 
 use cloud::{Attribute, Bounds, Chunk, Progress};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::brief::brief;
@@ -61,6 +62,12 @@ pub struct RowSource {
     scalars: Vec<Scalar>,
     roles: Roles,
 }
+
+/// A place that lies this many times as far outside of the points as these reach is not the scanner's. A window of a few
+/// degrees, scanned from afar, is nearer.
+const FARTHEST_SCANNER: f64 = 5.0;
+/// Of fewer points it is not said that they are far from the scanner.
+const FEWEST_SAMPLED: usize = 16;
 
 /// What another format has found of a cloud whose rows it makes.
 pub struct Made {
@@ -179,6 +186,52 @@ impl RowSource {
         self.info.lost = param::few(lost, "scans that cannot be read");
     }
 
+    /// The same, without a place of the scanner that lies far outside of its points: whoever exports points in coordinates
+    /// of the world often leaves the pose of the scanner empty, which stands for 0, 0, 0.
+    pub fn doubting_scanner(mut self) -> Self {
+        let Some(place) = self.info.scanner() else { return self };
+        let Some(bounds) = self.sampled_bounds(place) else { return self };
+        let (reach, distance) = (bounds.size().length(), place.distance(place.clamp(bounds.min, bounds.max)));
+        if distance > FARTHEST_SCANNER * reach {
+            let told = place.to_array().map(|value| value.to_string()).join(" ");
+            self.info.warnings.push(format!(
+                "the scanner stood at {told} by the file, {distance:.0} away from points that reach over {reach:.0}: its \
+                 place is taken as unknown"
+            ));
+            self.info.scan.iter_mut().for_each(|scan| scan.position = None);
+        }
+        self
+    }
+
+    /// Where the points of a sample lie, without those at one place and without strays; `None` if they are too few.
+    fn sampled_bounds(&self, without: DVec3) -> Option<Bounds> {
+        let mut keep = vec![false; self.element().properties.len()];
+        let fields = self.roles.position.map(|index| &self.scalars[index]);
+        fields.iter().for_each(|field| keep[field.property] = true);
+        let packing = self.packing(keep);
+        let sample = rows::sample(&self.file, &self.rows, &packing).ok()?;
+        // The numbers of a sample's rows are not known.
+        self.maker.iter().for_each(|maker| drop(maker.doubt()));
+        let [x, y, z] = fields.map(|field| {
+            let mut values = Vec::new();
+            columns::sampled(&sample, field, &packing, |value| values.push(value));
+            values
+        });
+        let places = std::iter::zip(x, std::iter::zip(y, z)).map(|(x, (y, z))| DVec3::new(x, y, z));
+        let places: Vec<DVec3> = places.filter(|place| place.is_finite() && *place != without).collect();
+        if places.len() < FEWEST_SAMPLED {
+            return None;
+        }
+        let strays = places.len() / 50;
+        let mut bounds = Bounds::EMPTY;
+        for axis in 0..3 {
+            let mut along: Vec<f64> = places.iter().map(|place| place[axis]).collect();
+            along.sort_unstable_by(f64::total_cmp);
+            (bounds.min[axis], bounds.max[axis]) = (along[strays], along[along.len() - 1 - strays]);
+        }
+        Some(bounds)
+    }
+
     pub fn bytes(&self) -> &Bytes {
         &self.file
     }
@@ -210,7 +263,7 @@ impl RowSource {
         match whole {
             Some(chunk) if summary.warnings.is_empty() => Ok(chunk),
             Some(_) => Err(Error::unsuitable(&self.info.path, summary.warnings.join("; "))),
-            None => Ok(Chunk::new(0, glam::DVec3::ZERO, Vec::new())),
+            None => Ok(Chunk::new(0, DVec3::ZERO, Vec::new())),
         }
     }
 

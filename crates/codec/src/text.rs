@@ -321,7 +321,8 @@ fn made(file: &Arc<Bytes>, format: Format, newline: u8, scans: Vec<Found>) -> Re
         let turn = cells.and_then(|cells| turn_of(cells.pose.matrix3)).unwrap_or(DQuat::IDENTITY);
         info.scan = Some(Scan { name: format!("scan {}", number + 1), number, of, position, turn, times: [None; 2] });
         let maker = Box::new(TextRows::new(Style::BLANKS, &columns, newline, false, cells, None));
-        RowSource::made(file.clone(), Made { maker, rows, is_text: true, newline, color_scale: None, info })
+        let made = Made { maker, rows, is_text: true, newline, color_scale: None, info };
+        RowSource::made(file.clone(), made).map(RowSource::doubting_scanner)
     };
     scans.into_iter().enumerate().map(source).collect()
 }

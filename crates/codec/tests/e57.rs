@@ -270,6 +270,42 @@ fn a_pose_turns_and_moves_points_and_normals_and_is_the_scanners_place() {
     assert_eq!(source.info().name(), "hall.e57", "a scan alone has the name of its file");
 }
 
+/// The corners of a room of 4 m about a place, often enough that they say where the points are.
+fn room(middle: DVec3) -> Vec<Vec<RecordValue>> {
+    let corner = |at: u32| DVec3::new(f64::from(at & 1), f64::from(at >> 1 & 1), f64::from(at >> 2 & 1)) * 4.0 - 2.0;
+    (0..64).map(|at| numbers((middle + corner(at)).to_array())).collect()
+}
+
+#[test]
+fn a_pose_that_was_left_empty_beside_coordinates_of_the_world_is_no_place_of_a_scanner() {
+    let axes = || vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
+    let world = DVec3::new(448_000.0, 5_411_000.0, 300.0);
+    let none = Transform { rotation: Quaternion::default(), translation: Translation::default() };
+    let cell = RecordDataType::Integer { min: 0, max: 100 };
+    let grid = [RecordName::RowIndex, RecordName::ColumnIndex].map(|name| record(name, cell.clone()));
+    let in_cell = |mut point: Vec<RecordValue>| {
+        point.extend([1, 2].map(RecordValue::Integer));
+        point
+    };
+    let in_grid = |middle: DVec3| room(middle).into_iter().map(in_cell).collect();
+    // The pose and the points of each, and where its scanner stood.
+    let own = Some(DVec3::ZERO);
+    let cases: [(Vec<Record>, Option<Transform>, Vec<Vec<RecordValue>>, Option<DVec3>); 5] = [
+        (axes(), Some(none.clone()), room(world), None),
+        ([axes(), grid.to_vec()].concat(), None, in_grid(world), None),
+        (axes(), Some(none.clone()), room(DVec3::ZERO), own),
+        ([axes(), grid.to_vec()].concat(), None, in_grid(DVec3::ZERO), own),
+        (axes(), Some(none), room(DVec3::new(20.0, 0.0, 0.0)), own),
+    ];
+    for (number, (prototype, pose, points, expected)) in cases.into_iter().enumerate() {
+        let (_folder, path) = place(&written(prototype, pose, &points));
+        let info = scans(&path).remove(0).info().clone();
+        assert_eq!(info.scanner(), expected, "{number}");
+        let is_told = info.warnings.iter().any(|warning| warning.contains("its place is taken as unknown"));
+        assert_eq!(is_told, expected.is_none(), "{number}: {:?}", info.warnings);
+    }
+}
+
 #[test]
 fn a_scan_that_cannot_be_read_hides_no_others() {
     let opened = |names: &[&str]| {
