@@ -190,7 +190,7 @@ impl Maker {
                     need(stream);
                     invalid.into_iter().for_each(|(invalid, _)| need(invalid));
                 }
-                Origin::Number(stream) => need(stream),
+                Origin::Number(stream) | Origin::Without(stream) => need(stream),
                 Origin::Place(_) => layout.place.into_iter().chain(layout.invalid).for_each(&mut need),
                 Origin::Normal(_) => layout.normal.into_iter().flatten().for_each(&mut need),
             }
@@ -240,6 +240,10 @@ impl Maker {
             Origin::Number(stream) => rows.for_each(|(index, row)| {
                 let own = stored(stream).integer(raw(stream, index)).saturating_add(1);
                 put_integer(&mut row[at..], column_type, own);
+            }),
+            Origin::Without(stream) => rows.for_each(|(index, row)| {
+                let own = stored(stream).integer(raw(stream, index)) == 0;
+                put_integer(&mut row[at..], column_type, i64::from(own));
             }),
             Origin::Place(axis) => rows.for_each(|(index, row)| {
                 put_number(&mut row[at..], column_type, made.places[index][axis]);

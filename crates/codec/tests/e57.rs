@@ -358,6 +358,29 @@ fn invalid_points_are_left_out_and_counted() {
 }
 
 #[test]
+fn points_whose_colour_is_invalid_say_that_they_have_none() {
+    let mut prototype = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
+    prototype.extend([Record::COLOR_RED_U8, Record::COLOR_GREEN_U8, Record::COLOR_BLUE_U8]);
+    prototype.push(record(RecordName::IsColorInvalid, RecordDataType::Integer { min: 0, max: 1 }));
+    let point = |invalid: i64| {
+        let mut point = numbers([invalid as f64, 0.0, 0.0]);
+        point.extend([200, 100, 50, invalid].map(RecordValue::Integer));
+        point
+    };
+    let (folder, path) = place(&written(prototype, None, &[point(0), point(1), point(0)]));
+    let source = scans(&path).remove(0);
+    assert_eq!(values(&source, &read(&source).0, "has_color"), [1.0, 0.0, 1.0]);
+    let output = folder.path().join("hall.laz");
+    let (sources, test) = ([std::sync::Arc::new(source)], cloud::PointTest::default());
+    codec::export(&sources, &test, &[], &output, MEMORY, &Progress::default()).unwrap().unwrap();
+    let exported = scans(&output).remove(0);
+    let chunks = read(&exported).0;
+    assert_eq!(values(&exported, &chunks, "has_color"), [1.0, 0.0, 1.0]);
+    let colors = chunks[0].colors.as_ref().unwrap();
+    assert_eq!([0, 1].map(|at| colors[at][0]), [200, 0]);
+}
+
+#[test]
 fn hostile_files_end_in_an_error_or_with_the_points_that_they_have() {
     let prototype: Vec<Record> = [Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64].into();
     let points: Vec<_> = (0..200_000).map(|at| numbers([f64::from(at), 0.0, 0.0])).collect();

@@ -4,6 +4,7 @@ use cloud::ColumnType;
 use e57::{PointCloud, RecordDataType, RecordName, RecordValue};
 
 use crate::brief::brief;
+use crate::export::columns::HAS_COLOR;
 use crate::format::E57_OTHERS;
 use crate::ply::columns::Scale;
 use crate::ply::header::{Element, Kind, Property};
@@ -92,6 +93,8 @@ pub enum Origin {
     Stream { stream: usize, invalid: Option<(usize, f64)> },
     /// A stream of numbers that count from 0, where those of points count from 1.
     Number(usize),
+    /// 1 where a stream is 0, else 0.
+    Without(usize),
     /// An axis of the place.
     Place(usize),
     /// An axis of the normal.
@@ -196,6 +199,8 @@ impl Layout {
                 }
                 RecordName::ReturnIndex => add("return_number".into(), ColumnType::U8, Origin::Number(stream)),
                 RecordName::ReturnCount => add("number_of_returns".into(), own.column_type(), plain),
+                // What other points without a colour have in exported files.
+                RecordName::IsColorInvalid => add(HAS_COLOR.into(), ColumnType::U8, Origin::Without(stream)),
                 RecordName::Unknown { namespace, name } if !namespace.is_empty() && namespace != E57_OTHERS.0 => {
                     add(format!("{namespace}_{name}"), own.column_type(), plain);
                 }
