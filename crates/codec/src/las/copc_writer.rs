@@ -156,7 +156,7 @@ fn open(inputs: &[PathBuf], output: &Path, memory: u64) -> Result<Vec<LasSource>
         }
         Source::Las(source) => Ok(source),
         Source::Rows(_) | Source::Ept(_) => {
-            Err(Error::unsuitable(input, "no LAS or LAZ file; COPC holds what these have, so export it to LAZ first"))
+            Err(Error::unsuitable(input, "no LAS or LAZ file; `glint export FILE -o OUT.copc.laz` writes COPC of it"))
         }
     };
     inputs.iter().map(open).collect()
