@@ -179,6 +179,24 @@ fn pages_give_the_picture_that_memory_gives_and_a_tenth_of_them_nearly() {
 
 /// An index keeps few attributes unless it is asked to.
 #[test]
+fn normals_of_a_streamed_scan_face_its_scanner_as_those_in_memory_do() {
+    let folder = folder();
+    let scan = ["study", "scan", "tripod/room", "--rays", "60000", "--station", "2.9,2.6,1.55", "-o", "room.e57"];
+    let outcome = folder.glint(scan);
+    assert_eq!(outcome.status, Some(0), "{outcome}");
+    folder.write("view.toml", "[camera]\neye = [3.5, 3.5, 1.6]\npivot = [1.0, 1.0, 1.0]\nup = [0, 0, 1]\n");
+    let pictures = ["stream.pages=never", ALWAYS].map(|pages| {
+        let drawn =
+            ["room.e57", "--set", "color.by=normal", "--set", "light.by=headlight", "--set", "surface.carve=false"];
+        let all = ["--set", "stream.detail=0.25", "--set", "stream.unseen=1", "--set", pages];
+        render(&folder, &[&drawn[..], &all].concat()).map(|(picture, _)| picture)
+    });
+    let [Some(memory), Some(pages)] = pictures else { return };
+    let others = share_of_others(&memory, &pages);
+    assert!(others < 0.001, "{others} of the pixels differ");
+}
+
+#[test]
 fn points_of_a_streamed_cloud_are_mirrors_by_any_attribute_of_its_file() {
     let folder = folder();
     folder.write("scan.las", scan(60_000, 0.0, 1.0));

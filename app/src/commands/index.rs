@@ -198,7 +198,7 @@ impl Task<'_> {
         let further = pages.warnings().iter().filter(|warning| !of_files.contains(warning));
         terminal::warn(param::few(further.map(|warning| format!("{name}: {warning}")).collect(), "warnings"));
         let up = sources.first().map_or(glam::DVec3::Z, |source| world::up_of(source.info(), self.settings));
-        let options = world::surfel_options(&pages, up, self.settings)?;
+        let options = world::surfel_options(&pages, up, world::common_scanner(sources), self.settings)?;
         let points = pages.octree().points();
         let estimate = |progress: &Progress| stream::estimate_surfels(&pages, &options, memory, progress);
         let (_, normals, estimated) = self.make(CloudTask::new(TaskKind::Surfels, points), place, estimate);

@@ -17,7 +17,7 @@ use crate::input::Input;
 use crate::loader::Loader;
 use crate::mailbox::{Arrival, IndexRequest};
 use crate::reading::Loading;
-use crate::source::{called, file_warnings, surfel_options, up_of};
+use crate::source::{called, common_scanner, file_warnings, surfel_options, up_of};
 use crate::task::{CloudTask, TaskKind};
 
 /// A streamed cloud while its index is found or made.
@@ -231,7 +231,7 @@ impl Loader {
             units,
             expected_points: points,
             up,
-            scanner: None,
+            scanner: common_scanner(&sources),
             provisional_radius: if bounds.is_empty() { 0.0 } else { cloud::provisional_radius(bounds, points) },
             warnings,
         };
@@ -427,7 +427,7 @@ impl Loader {
     }
 
     fn surfel_options(&self, streamed: &StreamedInput, pages: &Pages) -> Option<SurfelOptions> {
-        let options = surfel_options(pages, streamed.up, &self.settings);
+        let options = surfel_options(pages, streamed.up, common_scanner(&streamed.sources), &self.settings);
         options.map_err(|error| tracing::warn!(input = streamed.input, %error, "pages cannot be read")).ok()
     }
 }

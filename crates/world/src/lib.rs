@@ -51,8 +51,8 @@ pub use opening::{Extent, first_camera, first_outline, own_settings, shining};
 pub use reading::{points_on_faces, shows_faces};
 pub use resident::Resident;
 pub use source::{
-    asked_attributes, file_warnings, lost_tiles, open_file, open_placed, options_for, other_systems, parts,
-    radii_of_shown, read_cloud, read_column, surfel_options, system_warnings, up_of,
+    asked_attributes, common_scanner, file_warnings, lost_tiles, open_file, open_placed, options_for, other_systems,
+    parts, radii_of_shown, read_cloud, read_column, surfel_options, system_warnings, up_of,
 };
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
 pub use words::{KnownNames, Request, built_in_names, first_scene, no_cloud, resolve, resolve_open};

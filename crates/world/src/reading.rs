@@ -273,7 +273,9 @@ impl Loader {
             return None;
         }
         let cache = self.cache.as_ref().ok()?;
-        let place = SurfelPlace::new(cache, &loading.source, estimate_description(loading.up, &self.settings));
+        let scanner = loading.source.info().scanner();
+        let description = estimate_description(loading.up, scanner, &self.settings);
+        let place = SurfelPlace::new(cache, &loading.source, description);
         // A file that cannot be read is reported when its points are read.
         place.inspect_err(|error| tracing::debug!(%error, "kept normals and radii")).ok()
     }

@@ -252,23 +252,36 @@ pub fn radii_of_shown(
     cloud::radii_among(cloud, test, &options_for(&cloud.chunks, up, scanner, settings), progress)
 }
 
-/// Everything beside a file that decides its normals and radii, in words that differ where one of them does.
-pub(crate) fn estimate_description(up: DVec3, settings: &Settings) -> String {
+/// Everything beside the points of a file that decides its normals and radii, in words that differ where one of them does.
+pub(crate) fn estimate_description(up: DVec3, scanner: Option<DVec3>, settings: &Settings) -> String {
     // Normals and radii that are kept are those of clouds; points on meshes bring theirs.
     let scene::Surface { mesh_points: _, neighbours, orientation, radii, carve } = &settings.surface;
-    let (estimator, up) = (cloud::ESTIMATOR, up.to_array());
+    let (estimator, up, scanner) = (cloud::ESTIMATOR, up.to_array(), scanner.map(|place| place.to_array()));
     format!(
-        "estimator {estimator}, {neighbours} neighbours, {orientation:?}, {radii:?} radii, carve {carve}, up {up:?}"
+        "estimator {estimator}, {neighbours} neighbours, {orientation:?}, {radii:?} radii, carve {carve}, up {up:?}, \
+         scanner {scanner:?}"
     )
 }
 
-/// How the normals and radii of an index are estimated, from its coarse pages.
+/// How the normals and radii of an index are estimated, from its coarse pages. Radii of what is streamed are not carved.
 ///
 /// # Errors
 /// If they cannot be read.
-pub fn surfel_options(pages: &Pages, up: DVec3, settings: &Settings) -> stream::Result<SurfelOptions> {
+pub fn surfel_options(
+    pages: &Pages,
+    up: DVec3,
+    scanner: Option<DVec3>,
+    settings: &Settings,
+) -> stream::Result<SurfelOptions> {
     let points = if pages.is_copc() { NATIVE_KIND_POINTS } else { KIND_POINTS };
-    Ok(options_for(&stream::coarsest(pages, points)?, up, None, settings))
+    let options = options_for(&stream::coarsest(pages, points)?, up, scanner, settings);
+    Ok(SurfelOptions { seen_from: None, ..options })
+}
+
+/// Where the scanner of several sources stood, if it stood at one place for all of them.
+pub fn common_scanner(sources: &[Arc<codec::Source>]) -> Option<DVec3> {
+    let place = sources.first()?.info().scanner()?;
+    sources.iter().all(|source| source.info().scanner() == Some(place)).then_some(place)
 }
 
 /// The last part of a path, which is a cloud's name. The query of an address, which may be a key, is no part of it.
@@ -315,6 +328,12 @@ mod tests {
         assert_eq!(options(&chunks, None, true).seen_from, None);
         // A place from which these points cannot all have been seen.
         assert_eq!(options(&chunks, Some(station + DVec3::new(1.5, 1.0, 0.4)), true).seen_from, None);
+    }
+
+    #[test]
+    fn what_is_kept_for_another_place_of_the_scanner_is_not_taken() {
+        let told = |scanner| estimate_description(DVec3::Z, scanner, &Settings::default());
+        assert!(told(None) != told(Some(DVec3::ZERO)) && told(Some(DVec3::X)) != told(Some(DVec3::ZERO)));
     }
 
     #[test]

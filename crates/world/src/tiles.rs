@@ -202,7 +202,7 @@ fn open_tile(path: &Path, settings: &Settings) -> Result<Arc<Source>, String> {
 fn find_tile(path: &Path, settings: &Settings) -> Result<FoundTile, String> {
     let source = open_tile(path, settings)?;
     let pages = Pages::copc(&source, &BTreeSet::new()).ok_or("a file without a grid")?;
-    let estimate = match surfel_options(&pages, up_of(source.info(), settings), settings) {
+    let estimate = match surfel_options(&pages, up_of(source.info(), settings), source.info().scanner(), settings) {
         Ok(estimate) => Some(estimate),
         // The tile is tried again as a whole, so that its radii are those of the file.
         Err(stream::Error::Input(error @ codec::Error::Io { .. })) => return Err(error.to_string()),
