@@ -507,7 +507,7 @@ fn what_cannot_be_written_is_refused_and_leaves_nothing() {
     let cases: [(&[&str], &str, &str); 7] = [
         (&[], "out.copc.laz", "there are no inputs"),
         (&["plain.las"], "plain.las", "one of the inputs"),
-        (&["mesh.ply"], "out.copc.laz", "no LAS or LAZ file"),
+        (&["mesh.ply"], "out.copc.laz", "no LAS or LAZ file; `glint export FILE -o OUT.copc.laz` writes COPC of it"),
         (&["plain.las", "extra.las"], "out.copc.laz", "other extra dimensions"),
         (&["here.las", "elsewhere.las"], "out.copc.laz", "another coordinate system"),
         (&["empty.las"], "out.copc.laz", "no points"),
