@@ -80,7 +80,8 @@ fn stations(sources: &[Arc<Source>], named: &[DVec3]) -> anyhow::Result<(Vec<DVe
     }
     let (mut stations, mut of_file) = (Vec::new(), Vec::new());
     for source in sources {
-        let place = source.info().scanner();
+        // A scan without points saw nothing.
+        let place = source.info().scanner().filter(|_| source.info().points > 0);
         of_file.push(place.map(|place| {
             stations.iter().position(|known| *known == place).unwrap_or_else(|| {
                 stations.push(place);
@@ -262,4 +263,24 @@ fn ghosts_of(verdicts: &Verdicts, file: usize) -> Vec<(u64, Suspect)> {
 fn others(ghosts: &[(u64, Suspect)], points: u64) -> Vec<u64> {
     let mut ghosts = ghosts.iter().map(|(index, _)| *index).peekable();
     (0..points).filter(|index| ghosts.next_if_eq(index).is_none()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scan_without_points_has_no_station() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("two.ptx");
+        let axes = "1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n";
+        let head = |columns: usize, place: &str| format!("{columns}\n1\n{place}\n{axes}{place} 1\n");
+        let points = "0 0 1 0.5\n1 0 1 0.5\n";
+        std::fs::write(&path, format!("{}{points}{}", head(2, "1 2 3"), head(0, "7 8 9"))).unwrap();
+        let sources = world::open_file(&path, 1 << 28).unwrap();
+        let places: Vec<_> = sources.iter().map(|source| source.info().scanner()).collect();
+        assert_eq!(places, [Some(DVec3::new(1.0, 2.0, 3.0)), Some(DVec3::new(7.0, 8.0, 9.0))]);
+        let (stations, of_file) = stations(&sources, &[]).unwrap();
+        assert_eq!((stations, of_file), (vec![DVec3::new(1.0, 2.0, 3.0)], vec![Some(0), None]));
+    }
 }
