@@ -9,7 +9,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use anyhow::anyhow;
-use cloud::{Bounds, Chunk, Cloud, Placement, PointTest, Progress};
+use cloud::{Chunk, Cloud, Placement, PointTest, Progress};
 use glam::DVec3;
 use render::{ColorPlan, Gpu, MOST_LIGHTS};
 use scene::{
@@ -248,13 +248,10 @@ fn classes(cloud: &Cloud) -> impl Iterator<Item = u8> + use<> {
 
 /// The measurements, notes and profiles that are switched on, measured on the points that are loaded.
 fn marks(request: &Request, clouds: &[Assembly], up: DVec3, test: &PointTest, units: &codec::Units) -> Vec<Mark> {
-    let with_bounds = |loaded: &Assembly| -> (Cloud, Vec<Bounds>) {
-        (loaded.cloud.clone(), loaded.cloud.chunks.iter().map(Chunk::bounds).collect())
-    };
+    let with_parts = |loaded: &Assembly| (loaded.cloud.clone(), loaded.loaded_parts());
     let measured: Vec<&Measurement> = request.measurements().filter(|measurement| measurement.on).collect();
-    let with_bounds: Vec<_> = if measured.is_empty() { Vec::new() } else { clouds.iter().map(with_bounds).collect() };
     let mark = |measurement: &Measurement| {
-        let figures = measuring::of_clouds(measurement, up, &with_bounds, test);
+        let figures = measuring::of_clouds(measurement, up, clouds.iter().map(with_parts).collect(), test);
         Mark::of_measurement(measurement, Some(&figures), units)
     };
     let note = |mark: &Object| if let Object::Note(note) = mark { note.on.then(|| Mark::of_note(note)) } else { None };

@@ -1,10 +1,11 @@
 //! Carries out the measurements of a scene on the points of its clouds, for `glint measure` and for the window.
 
-use cloud::{Bounds, Cloud, PointTest};
+use cloud::{Bounds, Cloud, Cover, PointTest};
 use codec::{Unit, Units};
 use glam::{DMat3, DVec3};
 use measure::{Nearest, Scatter, VolumeGrid};
 use scene::{Measurement, MeasurementKind};
+use world::LoadedParts;
 
 use crate::shared::language::english;
 use crate::shared::numbers::grouped;
@@ -19,6 +20,9 @@ pub const NEIGHBOURS: usize = 24;
 const MOST_FITTED: usize = 4_000_000;
 /// The most decimals of a length that is reported to people.
 const MOST_DECIMALS: usize = 9;
+/// The name of the number of points of a fit or a volume, and its name where the cloud has more, which are not loaded.
+const POINTS: &str = english!("points");
+pub const LOADED_POINTS: &str = english!("loaded points");
 /// The decimals of areas in square degrees: the last one is a hundredth of a square metre.
 const OF_SQUARE_DEGREES: usize = 12;
 
@@ -70,6 +74,13 @@ pub struct Gathering {
 impl Figure {
     fn new(name: &'static str, quantity: Quantity, value: f64, deviation: Option<f64>) -> Self {
         Self { name, quantity, value, deviation: deviation.filter(|deviation| deviation.is_finite()) }
+    }
+
+    /// What it is of points that are a thinned choice. Those nearest to the middles of cells of space are chosen by their
+    /// noise, too, so how they scatter says nothing of how far a fit to them is off.
+    fn of_loaded(self) -> Self {
+        let name = if self.name == POINTS { LOADED_POINTS } else { self.name };
+        Self { name, deviation: None, ..self }
     }
 
     /// The half width of the interval of 95 %, where its deviation is known.
@@ -195,9 +206,21 @@ pub fn of_corners(kind: MeasurementKind, corners: &[DVec3], up: DVec3) -> Vec<Fi
     with_scatter(kind, corners, up, &vec![None; corners.len()])
 }
 
-/// Carries out a measurement on the shown points of clouds in memory, which come with the bounds of their chunks.
-pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: &[(Cloud, Vec<Bounds>)], test: &PointTest) -> Outcome {
-    gathered(measurement, up, clouds, test).finish()
+/// Carries out a measurement on the shown points of clouds in memory, which come with the parts that their chunks are. A fit
+/// or a volume where a cloud has more points, which are not loaded, has no deviations.
+pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: Vec<(Cloud, LoadedParts)>, test: &PointTest) -> Outcome {
+    let bounds = |loaded: &LoadedParts| loaded.parts.iter().map(|(_, bounds)| *bounds).collect();
+    let (clouds, loaded): (Vec<_>, Vec<LoadedParts>) =
+        clouds.into_iter().map(|(cloud, loaded)| ((cloud, bounds(&loaded)), loaded)).unzip();
+    let gathering = gathered(measurement, up, &clouds, test);
+    let lacks = |loaded: &LoadedParts| {
+        let placed = |own: Bounds| loaded.placement.map_or(own, |placement| placement.bounds(own));
+        let is_wanted = |bounds: Bounds| gathering.wants(bounds) && test.cover(bounds) != Cover::Outside;
+        loaded.lack(&|own| is_wanted(placed(own)))
+    };
+    let is_thinned = Gathering::is_large(measurement.kind) && loaded.iter().any(lacks);
+    let figures = gathering.finish()?;
+    Ok(if is_thinned { figures.into_iter().map(Figure::of_loaded).collect() } else { figures })
 }
 
 fn gathered(measurement: &Measurement, up: DVec3, clouds: &[(Cloud, Vec<Bounds>)], test: &PointTest) -> Gathering {
@@ -432,7 +455,7 @@ fn plane(plane: &measure::Plane, up: DVec3) -> Vec<Figure> {
     }
     figures.extend([
         Figure::new(english!("rms"), Quantity::Length, plane.rms, None),
-        Figure::new(english!("points"), Quantity::Count, plane.points as f64, None),
+        Figure::new(POINTS, Quantity::Count, plane.points as f64, None),
     ]);
     figures.extend(components([english!("normal x"), english!("normal y"), english!("normal z")], plane.normal, up));
     figures
@@ -444,7 +467,7 @@ fn cylinder(round: &measure::Round, up: DVec3) -> Vec<Figure> {
         Figure::new(english!("length"), Quantity::Length, round.length, None),
         Figure::new(english!("rms"), Quantity::Length, round.rms, None),
         Figure::new(english!("tilt"), Quantity::Angle, tilt(round.axis, up), None),
-        Figure::new(english!("points"), Quantity::Count, round.points as f64, None),
+        Figure::new(POINTS, Quantity::Count, round.points as f64, None),
     ]);
     figures.extend(components([english!("axis x"), english!("axis y"), english!("axis z")], round.axis, up));
     figures
@@ -465,7 +488,7 @@ fn volume(grid: Option<Result<VolumeGrid, String>>, up: DVec3) -> Outcome {
         Figure::new(english!("area without points"), level_area, volume.empty_area, None),
         Figure::new(english!("area filled from around"), level_area, volume.filled_area, None),
         Figure::new(english!("cell"), level_length, volume.cell, None),
-        Figure::new(english!("points"), Quantity::Count, volume.points as f64, None),
+        Figure::new(POINTS, Quantity::Count, volume.points as f64, None),
     ])
 }
 
@@ -475,6 +498,7 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     use scene::{Tripod, solid, tripod};
+    use world::Part;
 
     use super::*;
 
@@ -565,14 +589,16 @@ mod tests {
             let [_, place, _] = meant[random.below(meant.len() as u64) as usize];
             (place, by_place[&key(tree.nearest_points(place, 1)[0])])
         };
-        let clouds = [(cloud, bounds)];
+        let part = |(number, bounds): (usize, &Bounds)| (Part::Block(number as u64), *bounds);
+        let loaded = LoadedParts { parts: bounds.iter().enumerate().map(part).collect(), ..LoadedParts::default() };
         let mut count = [0; 2];
         for _ in 0..MEASURED {
             let [(place, [first, exact, sight]), (other, [second, ..])] = [pick(), pick()];
-            let error = point_error(first, sight, clouds[0].0.clone(), clouds[0].1.clone());
+            let error = point_error(first, sight, cloud.clone(), bounds.clone());
             count[0] += usize::from(error.is_none_or(|error| first.distance(exact) <= error.sight));
             let distance = measurement(MeasurementKind::Distance, vec![first, second]);
-            let figures = of_clouds(&distance, DVec3::Z, &clouds, &PointTest::default()).unwrap();
+            let clouds = vec![(cloud.clone(), loaded.clone())];
+            let figures = of_clouds(&distance, DVec3::Z, clouds, &PointTest::default()).unwrap();
             let error = (figures[0].value - place.distance(other)).abs();
             count[1] += usize::from(figures[0].interval().is_none_or(|interval| error <= interval));
         }

@@ -15,6 +15,7 @@ use crate::change::Change;
 use crate::chunk_key::{CloudKey, Part};
 use crate::event::{IndexState, Opened};
 use crate::filters::Offer;
+use crate::loaded_parts::LoadedParts;
 use crate::source::column_of;
 use crate::task::CloudTask;
 
@@ -363,6 +364,15 @@ impl Assembly {
     /// The parts that have been loaded, with the bounds of their points, in order.
     pub fn chunk_bounds(&self) -> impl ExactSizeIterator<Item = (Part, Bounds)> {
         self.parts.iter().copied().zip(self.chunk_bounds.iter().copied())
+    }
+
+    /// Which of its parts are loaded, for what asks whether points are missing somewhere.
+    pub fn loaded_parts(&self) -> LoadedParts {
+        LoadedParts {
+            parts: self.chunk_bounds().collect(),
+            streamed: self.pages.as_ref().map(|_| self.octree().cloned()),
+            placement: self.placement,
+        }
     }
 
     pub fn bounds_of(&self, part: Part) -> Option<Bounds> {

@@ -1,11 +1,8 @@
 //! Finds how far a picked point may be off the surface, by the points of its cloud that are loaded.
 
-use std::sync::Arc;
-
-use cloud::{Bounds, Cloud, Placement};
+use cloud::{Bounds, Cloud};
 use glam::DVec3;
-use stream::{NodeId, Octree};
-use world::Part;
+use world::LoadedParts;
 
 use crate::shared::measuring::{PointError, point_error};
 use crate::viewer::picture::messages::PickedPoint;
@@ -17,59 +14,33 @@ pub struct PointWork {
     /// The unit direction of the line of sight.
     pub sight: DVec3,
     pub cloud: Cloud,
-    /// The parts of the cloud that are loaded, in order, with their bounds.
-    pub parts: Vec<(Part, Bounds)>,
-    /// The index of a streamed cloud, once there is one, and how its points are moved.
-    pub streamed: Option<(Option<Arc<Octree>>, Option<Placement>)>,
+    pub loaded: LoadedParts,
 }
 
 impl PointWork {
     pub fn run(self) -> Option<PointError> {
-        let bounds = self.parts.iter().map(|(_, bounds)| *bounds).collect();
+        let LoadedParts { parts, placement, .. } = &self.loaded;
+        let bounds = parts.iter().map(|(_, bounds)| *bounds).collect();
         let error = point_error(self.world, self.sight, self.cloud, bounds)?;
-        let is_loaded = |part: Part| self.parts.binary_search_by_key(&part, |(part, _)| *part).is_ok();
-        let is_thinned = self.streamed.is_some_and(|(octree, placement)| {
-            // Of a cloud whose index is being made there is a preview.
-            let Some(octree) = octree else { return true };
-            let own = placement.map_or(self.world, |placement| placement.own_point(self.world));
-            let is_near = |bounds: Bounds| own.distance(own.clamp(bounds.min, bounds.max)) <= error.reach;
-            if octree.paged.tiles.is_empty() {
-                return lacks_points(&octree, NodeId(0), &is_near, &|id| is_loaded(Part::Node(id)));
-            }
-            let mut closed = octree.paged.unread.values();
-            let lacks = |(tile, octree): (&u32, &Arc<Octree>)| {
-                lacks_points(octree, NodeId(0), &is_near, &|id| is_loaded(Part::Tile(*tile, id)))
-            };
-            closed.any(|bounds| is_near(*bounds)) || octree.paged.tiles.iter().any(lacks)
-        });
-        Some(PointError { is_thinned, ..error })
+        let own = placement.map_or(self.world, |placement| placement.own_point(self.world));
+        let is_near = |bounds: Bounds| own.distance(own.clamp(bounds.min, bounds.max)) <= error.reach;
+        Some(PointError { is_thinned: self.loaded.lack(&is_near), ..error })
     }
-}
-
-/// Whether a node that is near, or one below it, is not loaded.
-fn lacks_points(
-    octree: &Octree,
-    id: NodeId,
-    is_near: &impl Fn(Bounds) -> bool,
-    is_loaded: &impl Fn(NodeId) -> bool,
-) -> bool {
-    let Some(node) = octree.get(id).filter(|node| !node.bounds.is_empty() && is_near(node.bounds)) else {
-        return false;
-    };
-    // What the page of a list of nodes has that is not there is not loaded.
-    let mut unread = octree.paged.unread.range((id, 0)..=(id, u8::MAX));
-    let is_missing = node.points > 0 && !is_loaded(id) || unread.any(|(_, bounds)| is_near(*bounds));
-    is_missing || node.children.iter().flatten().any(|child| lacks_points(octree, *child, is_near, is_loaded))
 }
 
 #[cfg(test)]
 mod tests {
-    use cloud::Chunk;
+    use std::sync::Arc;
+
+    use cloud::PointTest;
+    use cloud::{Chunk, Placement};
     use glam::DQuat;
-    use stream::Node;
-    use world::CloudKey;
+    use scene::{Measurement, MeasurementKind};
+    use stream::{Node, NodeId, Octree};
+    use world::{CloudKey, Part};
 
     use super::*;
+    use crate::shared::measuring::{self, Figure, LOADED_POINTS};
 
     /// A floor of 2 x 1 in two leaves, at points 0.05 apart; a tenth of them are in the root.
     fn floor() -> (Octree, Vec<Chunk>) {
@@ -111,9 +82,12 @@ mod tests {
             picked: PickedPoint { chunk: CloudKey(0).chunk(part(0)), index },
             world: chunks[0].position(index),
             sight: DVec3::NEG_Z,
-            parts: loaded.iter().map(|node| (part(*node), chunks[*node].bounds())).collect(),
             cloud: Cloud { chunks: loaded.iter().map(|node| chunks[*node].clone()).collect(), ..Cloud::default() },
-            streamed: Some((octree.then(|| Arc::new(tree)), placement)),
+            loaded: LoadedParts {
+                parts: loaded.iter().map(|node| (part(*node), chunks[*node].bounds())).collect(),
+                streamed: Some(octree.then(|| Arc::new(tree))),
+                placement,
+            },
         };
         work.run().expect("a surface")
     }
@@ -137,6 +111,35 @@ mod tests {
             assert!(along(&thinned) > 2.0 * along(&whole));
             assert!(!error(left(1.7), &[0, 1, 2], true, placement).is_thinned);
             assert!(error(left(0.3), &[0, 1], false, placement).is_thinned, "a preview has few of the points");
+        }
+    }
+
+    #[test]
+    fn a_fit_to_a_choice_of_the_points_states_no_interval_and_says_so() {
+        let (tree, chunks) = floor();
+        let tree = Arc::new(tree);
+        let figures = |kind: MeasurementKind, [x, reach]: [f64; 2], nodes: &[usize], octree: Option<&Arc<Octree>>| {
+            let corner = |x: f64, y: f64| DVec3::new(x, y, 0.0);
+            let around = [corner(x - reach, 0.3), corner(x + reach, 0.3), corner(x, 0.7)].to_vec();
+            let points = if kind == MeasurementKind::Volume { around } else { vec![corner(x, 0.5)] };
+            let reach = kind.has_reach().then_some(reach);
+            let (name, level) = (String::new(), Some(-1.0));
+            let measurement = Measurement { name, kind, on: true, color: [0.0; 3], points, reach, level };
+            let part = |node: &usize| (Part::Node(NodeId(*node as u32)), chunks[*node].bounds());
+            let parts = nodes.iter().map(part).collect();
+            let loaded = LoadedParts { parts, streamed: Some(octree.cloned()), placement: None };
+            let chunks = nodes.iter().map(|node| chunks[*node].clone()).collect();
+            let clouds = vec![(Cloud { chunks, ..Cloud::default() }, loaded)];
+            measuring::of_clouds(&measurement, DVec3::Z, clouds, &PointTest::default()).expect("figures")
+        };
+        let has_interval = |figures: &[Figure]| figures.iter().any(|figure| figure.deviation.is_some());
+        let is_told = |figures: &[Figure]| figures.iter().any(|figure| figure.name == LOADED_POINTS);
+        for kind in [MeasurementKind::Plane, MeasurementKind::Volume] {
+            let whole = figures(kind, [0.4, 0.2], &[0, 1], Some(&tree));
+            assert!(has_interval(&whole) && !is_told(&whole), "{kind:?}: all points within reach are there: {whole:?}");
+            for thinned in [figures(kind, [1.4, 0.6], &[0, 1], Some(&tree)), figures(kind, [0.6, 0.6], &[0], None)] {
+                assert!(!has_interval(&thinned) && is_told(&thinned), "{kind:?}: {thinned:?}");
+            }
         }
     }
 }

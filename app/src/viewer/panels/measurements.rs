@@ -4,7 +4,7 @@ use egui::{RichText, Ui};
 use scene::{Measurement, MeasurementKind, Note, Object};
 
 use crate::shared::language::{text, translated};
-use crate::shared::measuring::Figure;
+use crate::shared::measuring::{Figure, LOADED_POINTS};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{eye, name_label, number_field};
 use crate::viewer::objects::{ObjectId, PlacedMeasurement, PlacedNote};
@@ -188,6 +188,14 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
                 ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(text!(
                     "How certain a value is follows from the points that are shown around its corners. Clips, filters \
                      and hidden classes may hide them."
+                ));
+            }
+            if figures.iter().any(|figure| figure.name == LOADED_POINTS) {
+                let text = text!("no ±: only a choice of the points here is loaded; `glint measure` reads all");
+                ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(text!(
+                    "Of each cell of space the point nearest to its middle is loaded first. Noise has a part in that \
+                     choice, so how these points scatter does not say how far the value is off. From nearer, all of \
+                     them may be loaded."
                 ));
             }
         }

@@ -8,11 +8,11 @@ use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cloud::{Bounds, Chunk, Cloud, Column, Placement, PointTest, Progress};
+use cloud::{Chunk, Cloud, Column, Placement, PointTest, Progress};
 use glam::DVec3;
 use scene::{CloudSettings, Measurement, Mirror, MirrorNormals, MirrorPoints, Settings, Shape, Stream};
 use world::mirrors::{self, Marked};
-use world::{AutoLight, CloudKey, IndexEntry, Moved, Own};
+use world::{AutoLight, CloudKey, IndexEntry, LoadedParts, Moved, Own};
 
 use crate::shared::export;
 use crate::shared::measuring::{self, Outcome, PointError};
@@ -121,7 +121,7 @@ pub enum Work {
         id: ObjectId,
         measurement: Measurement,
         up: DVec3,
-        clouds: Vec<(Cloud, Vec<Bounds>)>,
+        clouds: Vec<(Cloud, LoadedParts)>,
         test: PointTest,
     },
     /// Finds the points of a profile, or writes it to a file.
@@ -406,7 +406,7 @@ impl Work {
                 found(Found::Surroundings { asked, found: AutoLight::around(&chunks, up) });
             }
             Self::Measure { id, measurement, up, clouds, test } => {
-                let figures = measuring::of_clouds(&measurement, up, &clouds, &test);
+                let figures = measuring::of_clouds(&measurement, up, clouds, &test);
                 found(Found::Measured { id, measurement, figures });
             }
             Self::Profile(work) => found(Found::Profile(work.run())),

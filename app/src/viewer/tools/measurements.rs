@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use cloud::{Bounds, Cloud, Placement, PointTest};
+use cloud::{Placement, PointTest};
 use codec::Units;
 use glam::DVec3;
 use scene::{Camera, Measurement, MeasurementKind, Note, Object, Profile, Strays};
@@ -308,14 +308,12 @@ impl Measurements {
         let is_known = |placed: &&PlacedMeasurement| self.is_known(placed.id, &placed.measurement);
         let Some(next) = placed.iter().find(|placed| !is_known(placed)) else { return };
         self.under_way = Some(next.id);
-        let with_bounds = |entry: &CloudEntry| -> (Cloud, Vec<Bounds>) {
-            (entry.cloud.clone(), entry.chunk_bounds().map(|(_, bounds)| bounds).collect())
-        };
+        let with_parts = |entry: &CloudEntry| (entry.cloud.clone(), entry.loaded_parts());
         outside.work(Work::Measure {
             id: next.id,
             measurement: essence(&next.measurement),
             up: scene.up(&loaded.clouds),
-            clouds: visible().map(with_bounds).collect(),
+            clouds: visible().map(with_parts).collect(),
             test: self.basis.test.clone(),
         });
     }

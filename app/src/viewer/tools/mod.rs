@@ -60,9 +60,8 @@ fn eye_before(scene: &Scene, place: DVec3) -> DVec3 {
 /// Asks how far a point may be off the surface; `sight` is the unit direction in which it is seen.
 fn find_error(picked: PickedPoint, world: DVec3, sight: DVec3, loaded: &Loaded, outside: &mut Outside) {
     let Some(entry) = loaded.cloud(picked.chunk.cloud) else { return };
-    let (cloud, parts) = (entry.cloud.clone(), entry.chunk_bounds().collect());
-    let streamed = entry.streamed.is_some().then(|| (entry.octree().cloned(), entry.placement()));
-    outside.work(Work::FindPointError(Box::new(PointWork { picked, world, sight, cloud, parts, streamed })));
+    let (cloud, loaded) = (entry.cloud.clone(), entry.loaded_parts());
+    outside.work(Work::FindPointError(Box::new(PointWork { picked, world, sight, cloud, loaded })));
 }
 
 #[derive(Default)]
