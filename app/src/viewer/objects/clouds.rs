@@ -160,6 +160,11 @@ impl CloudEntry {
         self.octree().is_some()
     }
 
+    /// True if the cloud is streamed and has points that are not loaded: figures of its points are of those that are.
+    pub fn is_partly_loaded(&self) -> bool {
+        self.streamed.is_some() && self.points < self.total()
+    }
+
     /// True if the tiles of a streamed cloud are opened as they are needed.
     pub fn is_catalogue(&self) -> bool {
         self.octree().is_some_and(|octree| octree.is_of_tiles())

@@ -40,13 +40,13 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 });
             });
             let points = if entry.streamed.is_some() {
-                let what = if entry.is_visible { text!("shown") } else { text!("kept") };
-                text!(
-                    "{points} of {total} points {what}",
-                    points = grouped(entry.points),
-                    total = grouped(entry.total()),
-                    what
-                )
+                let (points, total) = (grouped(entry.points), grouped(entry.total()));
+                let loaded = text!("{points} of {total} points loaded", points, total);
+                let hides = entry.is_visible && !session.scene.objects.test().shows_all();
+                match entry.figures.as_ref().filter(|_| hides) {
+                    Some(figures) => text!("{loaded}, {shown} shown", loaded, shown = grouped(figures.shown)),
+                    None => loaded,
+                }
             } else if entry.is_read || entry.points >= entry.expected_points {
                 text!("{points} points", points = grouped(entry.points))
             } else {
@@ -72,8 +72,9 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let strays = strays.into_iter().zip([text!("stray"), text!("mixed")]).filter(|(count, _)| *count > 0);
             let strays = strays.map(|(count, kind)| format!("{} {kind}", grouped(count)));
             let noise = noise.map(|noise| text!("noise {noise}", noise = crate::shared::numbers::two_digits(noise)));
-            let line: Vec<String> = strays.chain(noise).collect();
+            let mut line: Vec<String> = strays.chain(noise).collect();
             if !line.is_empty() {
+                line.extend(entry.is_partly_loaded().then(|| text!("of the loaded points").to_owned()));
                 let quality = ui.label(RichText::new(line.join(" · ")).small().color(theme::WEAK));
                 quality.on_hover_text(text!(
                     "Stray points are far from all surfaces, and mixed pixels between two of them (splat.strays; the \
@@ -218,6 +219,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::loaded::Loaded;
+    use crate::viewer::objects::clouds::Streamed;
     use crate::viewer::picture::messages::{Command, PickedPoint};
     use crate::viewer::requests::action::Profiling;
     use crate::viewer::requests::outside::Effect;
@@ -262,6 +264,26 @@ mod tests {
                 session.on_found(Found::Figures { key, basis, figures });
             }
         }
+    }
+
+    #[test]
+    fn of_a_streamed_cloud_loaded_points_are_told_and_how_many_of_them_are_shown() {
+        let mut harness = harness();
+        let entry = &mut harness.state_mut().loaded.clouds[0];
+        (entry.streamed, entry.expected_points) = (Some(Streamed::default()), 1234);
+        harness.run_ok();
+        assert!(harness.query_by_label("2 of 1,234 points loaded · streamed").is_some());
+        let session = harness.state_mut();
+        session.scene.objects.visibility.hidden_classes.insert(7);
+        with_figures(session);
+        let figures = session.loaded.clouds[0].figures.as_mut().unwrap();
+        (figures.shown, figures.strays) = (1, Some([0, 1]));
+        harness.run_ok();
+        assert!(harness.query_by_label("2 of 1,234 points loaded, 1 shown · streamed").is_some());
+        assert!(harness.query_by_label("1 mixed · of the loaded points").is_some());
+        harness.state_mut().loaded.clouds[0].expected_points = 2;
+        harness.run_ok();
+        assert!(harness.query_by_label("1 mixed").is_some(), "all are loaded");
     }
 
     #[test]

@@ -198,6 +198,10 @@ fn class_list(ui: &mut Ui, session: &Session, classes: &BTreeMap<u8, u64>, actio
             }
         });
     });
+    if session.loaded.clouds.iter().any(CloudEntry::is_partly_loaded) {
+        let text = text!("Of the loaded points; classes that only others have are missing.");
+        ui.label(RichText::new(text).small().color(theme::WEAK));
+    }
     for (class, count) in classes {
         let visible = !session.scene.objects.visibility.hidden_classes.contains(class);
         let name = translated(class_name(*class));
@@ -223,7 +227,7 @@ mod tests {
     use egui_kittest::kittest::Queryable as _;
 
     use super::*;
-    use crate::viewer::requests::preferences::Preferences;
+    use crate::viewer::objects::clouds::Streamed;
 
     #[test]
     fn the_eye_of_a_class_hides_it_and_all_shows_it_again() {
@@ -232,10 +236,18 @@ mod tests {
             |ui, session: &mut Session| {
                 session.show_and_act(|session, actions| class_list(ui, session, &classes, actions))
             },
-            Session::new(Preferences::default()),
+            Session::with_two_points(),
         );
         harness.run();
         assert!(harness.query_by_label("2 ground").is_some());
+        let is_told = |harness: &egui_kittest::Harness<'_, Session>| {
+            harness.query_by_label_contains("classes that only others have are missing").is_some()
+        };
+        assert!(!is_told(&harness));
+        let entry = &mut harness.state_mut().loaded.clouds[0];
+        (entry.streamed, entry.expected_points) = (Some(Streamed::default()), 1234);
+        harness.run();
+        assert!(is_told(&harness), "1,232 points are not loaded");
         harness.get_by_label("Show class 6").click();
         harness.run();
         let hidden = |harness: &egui_kittest::Harness<'_, Session>| {

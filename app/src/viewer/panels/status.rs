@@ -108,12 +108,17 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         ui.ctx().request_repaint_after(Duration::from_millis(100));
     } else {
         let (points, all) = (session.loaded.points(), session.loaded.all_points());
-        if let Some(shown) = shown_points(session).filter(|_| all == points) {
-            let help = text!("The others are hidden by clips, filters or classes, or with their cloud");
+        let shown = shown_points(session);
+        let help = text!("The others are hidden by clips, filters or classes, or with their cloud");
+        if let Some(shown) = shown.filter(|_| all == points) {
             let text = text!("{shown} of {points} points shown", shown = grouped(shown), points = grouped(points));
             ui.label(text).on_hover_text(help);
         } else if all > points {
-            ui.label(text!("{points} of {all} points", points = grouped(points), all = grouped(all)));
+            let loaded = text!("{points} of {total} points loaded", points = grouped(points), total = grouped(all));
+            match shown {
+                Some(shown) => drop(ui.label(text!("{loaded}, {shown} shown", loaded, shown = grouped(shown)))),
+                None => drop(ui.label(loaded)),
+            }
         } else if points > 0 {
             ui.label(text!("{points} points", points = grouped(points)));
         }
