@@ -120,17 +120,22 @@ impl Loaded {
         }
     }
 
+    /// Whether a cloud that is shown is streamed, as what is written of it is to be.
+    pub fn shows_streamed(&self) -> bool {
+        self.clouds.iter().any(|entry| entry.is_visible && entry.streamed.is_some())
+    }
+
     fn putting_back(&self, beside: &Beside<'_>) -> Result<GhostTask, String> {
         let seen = self.ghosts.seen.as_ref().ok_or(text!("Look for ghosts first"))?;
         let verdicts = seen.looked.verdicts.of_mirrors(|mirror| is_accepted(seen, mirror, &beside.scene.objects));
         if verdicts.count(Kind::Ghost) == 0 {
             return Err(text!("There are no ghosts of accepted mirrors to put back; accept a mirror first").into());
         }
-        let is_streamed = self.clouds.iter().any(|entry| entry.is_visible && entry.streamed.is_some());
         let output = match self.ghosts.draft.output.trim() {
             "" => {
                 let name = self.clouds.first().map_or_else(String::new, |entry| picture_name(&entry.input));
-                free_path(Path::new(""), &format!("{name}-put-back"), if is_streamed { "copc.laz" } else { "laz" })
+                let ending = if self.shows_streamed() { "copc.laz" } else { "laz" };
+                free_path(Path::new(""), &format!("{name}-put-back"), ending)
             }
             path => PathBuf::from(path),
         };
@@ -160,7 +165,10 @@ impl Loaded {
                 beside.outside.log(json!({
                     "event": "ghosts", "mirrors": mirrors, "ghosts": ghosts, "undecided": undecided,
                 }));
-                beside.outside.note(text!("{mirrors} mirrors, {ghosts} ghosts", mirrors, ghosts = grouped(ghosts)));
+                beside.outside.note(match mirrors {
+                    1 => text!("1 mirror, {ghosts} ghosts", ghosts = grouped(ghosts)),
+                    _ => text!("{mirrors} mirrors, {ghosts} ghosts", mirrors, ghosts = grouped(ghosts)),
+                });
                 self.ghosts.seen = Some(*seen);
                 self.ghosts.live = Default::default();
                 self.put_verdicts(beside);
@@ -396,7 +404,7 @@ mod tests {
         let work = step(&mut session, Ghosting::Look).unwrap();
         assert!(step(&mut session, Ghosting::Look).is_none(), "one at a time");
         session.on_found(WorkFound::Ghosts(work.run()));
-        assert!(ghosts > 300 && said(&session).contains(&format!("1 mirrors, {ghosts} ghosts")), "{}", said(&session));
+        assert!(ghosts > 300 && said(&session).contains(&format!("1 mirror, {ghosts} ghosts")), "{}", said(&session));
         let color = &session.scene.settings.color;
         assert_eq!((color.by, color.attribute.as_str()), (ColorBy::Attribute, "ghost"));
         let count = |session: &Session| values(session, 0).iter().filter(|kind| **kind == 1.0).count() as u64;

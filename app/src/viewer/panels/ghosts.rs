@@ -2,6 +2,7 @@
 
 use egui::{RichText, Ui};
 
+use crate::shared::ghosts::PROBABILITY;
 use crate::shared::language::{text, translated};
 use crate::viewer::jobs::ghosts::{Decision, Seen};
 use crate::viewer::loaded::ghosts::{are_hidden, is_accepted};
@@ -9,6 +10,7 @@ use crate::viewer::look::theme;
 use crate::viewer::look::theme::grouped;
 use crate::viewer::look::widgets::{name_label, progress_bar};
 use crate::viewer::objects::ObjectId;
+use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::requests::action::{Action, Ghosting};
 use crate::viewer::session::Session;
 
@@ -96,16 +98,26 @@ fn results(ui: &mut Ui, session: &Session, seen: &Seen, actions: &mut Vec<Action
             as_it_stands(ui, session, placed.id, actions);
         }
     }
-    ui.horizontal(|ui| {
-        let is_hidden = are_hidden(&session.scene.objects.visibility.filters);
-        let hide = ui.selectable_label(is_hidden, text!("Hide ghosts"));
-        if hide
-            .on_hover_text(text!("By a filter of ghost_probability, as in the tab Data; undecided points stay"))
-            .clicked()
-        {
-            actions.push(Action::Ghosts(Ghosting::Hide(!is_hidden)));
-        }
-    });
+    let visible = || session.loaded.clouds.iter().filter(|entry| entry.is_visible);
+    let lacks_verdicts = |entry: &&CloudEntry| {
+        entry.streamed.is_some() && !entry.offered().any(|attribute| attribute.name == PROBABILITY)
+    };
+    let lacking = visible().filter(lacks_verdicts).count();
+    if lacking > 0 {
+        let text = text!(
+            "Streamed clouds are not coloured by this. Put back writes a new file that has it; or open them in memory, \
+             with stream.pages = never."
+        );
+        ui.label(RichText::new(text).small().color(theme::WARNING));
+    }
+    let is_hidden = are_hidden(&session.scene.objects.visibility.filters);
+    let is_able = is_hidden || lacking < visible().count();
+    let hide = ui.add_enabled(is_able, egui::Button::selectable(is_hidden, text!("Hide ghosts")));
+    let help = text!("By a filter of ghost_probability, as in the tab Data; undecided points stay");
+    let hide = hide.on_hover_text(help).on_disabled_hover_text(text!("A streamed cloud has no verdicts to hide by"));
+    if hide.clicked() {
+        actions.push(Action::Ghosts(Ghosting::Hide(!is_hidden)));
+    }
 }
 
 /// How well a mirror of the scene fits where it stands now, and the button that moves it to where it fits best.
@@ -163,7 +175,9 @@ fn put_back(ui: &mut Ui, session: &Session, seen: &Seen, output: &mut String, ac
             "All points and, at the places that were seen, the ghosts of accepted mirrors are written to this file, \
                     which is opened in place of the scan"
         );
-        let field = egui::TextEdit::singleline(output).hint_text("glint-…-put-back-1.laz").desired_width(180.0);
+        let hint =
+            if session.loaded.shows_streamed() { "glint-…-put-back-1.copc.laz" } else { "glint-…-put-back-1.laz" };
+        let field = egui::TextEdit::singleline(output).hint_text(hint).desired_width(180.0);
         ui.add(field).labelled_by(label.id).on_hover_text(help);
     });
     let is_able = session.loaded.ghosts.under_way.is_none()
@@ -188,6 +202,7 @@ mod tests {
 
     use super::*;
     use crate::shared::ghosts::Looked;
+    use crate::viewer::objects::clouds::Streamed;
 
     struct NoPoints;
 
@@ -247,6 +262,17 @@ mod tests {
         harness.get_by_label("Fit found sphere").click();
         harness.run_ok();
         assert_eq!(harness.state().loaded.ghosts.live.fitting, Some(placed.id));
+        let is_told = |harness: &Harness<'_, Session>| {
+            harness.query_by_label_contains("Streamed clouds are not coloured by this").is_some()
+        };
+        harness.state_mut().loaded.clouds[0].streamed = Some(Streamed::default());
+        harness.run_ok();
+        harness.get_by_label("Hide ghosts").click();
+        harness.run_ok();
+        assert!(is_told(&harness) && !are_hidden(&harness.state().scene.objects.visibility.filters));
+        harness.state_mut().loaded.clouds[0].streamed = None;
+        harness.run_ok();
+        assert!(!is_told(&harness));
         harness.get_by_label("Hide ghosts").click();
         harness.run_ok();
         assert!(are_hidden(&harness.state().scene.objects.visibility.filters));
