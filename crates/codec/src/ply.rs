@@ -190,9 +190,13 @@ impl RowSource {
     /// of the world often leaves the pose of the scanner empty, which stands for 0, 0, 0.
     pub fn doubting_scanner(mut self) -> Self {
         let Some(place) = self.info.scanner() else { return self };
-        let Some(bounds) = self.sampled_bounds(place) else { return self };
-        let (reach, distance) = (bounds.size().length(), place.distance(place.clamp(bounds.min, bounds.max)));
-        if distance > FARTHEST_SCANNER * reach {
+        let doubt = |sample: fn(&Bytes, &Rows, &Packing<'_>) -> std::io::Result<Vec<u8>>| {
+            let bounds = self.sampled_bounds(place, sample)?;
+            let (reach, distance) = (bounds.size().length(), place.distance(place.clamp(bounds.min, bounds.max)));
+            (distance > FARTHEST_SCANNER * reach).then_some([distance, reach])
+        };
+        // The first rows of blocks may lie side by side, so whole blocks decide what these leave in doubt.
+        if let Some([distance, reach]) = doubt(rows::sample).and_then(|_| doubt(rows::thorough_sample)) {
             let told = place.to_array().map(|value| value.to_string()).join(" ");
             self.info.warnings.push(format!(
                 "the scanner stood at {told} by the file, {distance:.0} away from points that reach over {reach:.0}: its \
@@ -204,12 +208,16 @@ impl RowSource {
     }
 
     /// Where the points of a sample lie, without those at one place and without strays; `None` if they are too few.
-    fn sampled_bounds(&self, without: DVec3) -> Option<Bounds> {
+    fn sampled_bounds(
+        &self,
+        without: DVec3,
+        sample: fn(&Bytes, &Rows, &Packing<'_>) -> std::io::Result<Vec<u8>>,
+    ) -> Option<Bounds> {
         let mut keep = vec![false; self.element().properties.len()];
         let fields = self.roles.position.map(|index| &self.scalars[index]);
         fields.iter().for_each(|field| keep[field.property] = true);
         let packing = self.packing(keep);
-        let sample = rows::sample(&self.file, &self.rows, &packing).ok()?;
+        let sample = sample(&self.file, &self.rows, &packing).ok()?;
         // The numbers of a sample's rows are not known.
         self.maker.iter().for_each(|maker| drop(maker.doubt()));
         let [x, y, z] = fields.map(|field| {

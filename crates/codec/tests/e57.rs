@@ -290,7 +290,13 @@ fn a_pose_that_was_left_empty_beside_coordinates_of_the_world_is_no_place_of_a_s
     let in_grid = |middle: DVec3| room(middle).into_iter().map(in_cell).collect();
     // The pose and the points of each, and where its scanner stood.
     let own = Some(DVec3::ZERO);
-    let cases: [(Vec<Record>, Option<Transform>, Vec<Vec<RecordValue>>, Option<DVec3>); 5] = [
+    // Its first points are side by side on a wall.
+    let begins_aside = || {
+        let aside = (0..1500).map(|at| numbers([3.0, 1e-4 * f64::from(at), 0.0]));
+        aside.chain((0..10).flat_map(|_| room(DVec3::ZERO))).collect()
+    };
+    let cases = [
+        (axes(), Some(none.clone()), begins_aside(), own),
         (axes(), Some(none.clone()), room(world), None),
         ([axes(), grid.to_vec()].concat(), None, in_grid(world), None),
         (axes(), Some(none.clone()), room(DVec3::ZERO), own),

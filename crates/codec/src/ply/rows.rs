@@ -256,6 +256,24 @@ pub fn sample(file: &Bytes, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8
     Ok(sample)
 }
 
+/// The most blocks of a thorough sample, and about how many rows of each are taken.
+const THOROUGH_BLOCKS: usize = 16;
+const THOROUGH_ROWS: u64 = 9000;
+
+/// Packed rows from all over whole blocks, which are some from all over the file.
+pub fn thorough_sample(file: &Bytes, rows: &Rows, packing: &Packing) -> io::Result<Vec<u8>> {
+    let mut sample = Vec::new();
+    for block in rows.blocks.iter().step_by(rows.blocks.len().div_ceil(THOROUGH_BLOCKS).max(1)) {
+        // Regular scans repeat after an even number of points.
+        let step = (block.rows / THOROUGH_ROWS) as usize | 1;
+        packing.read(file, *block, |piece| {
+            let some = piece.chunks_exact(packing.stride.max(1)).step_by(step);
+            some.for_each(|row| sample.extend_from_slice(row));
+        })?;
+    }
+    Ok(sample)
+}
+
 /// The number of places of a sample, of rows at each, and the most bytes of their packed rows.
 const SAMPLE_PLACES: u64 = 64;
 const SAMPLE_ROWS: u64 = 16;
