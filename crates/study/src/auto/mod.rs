@@ -413,16 +413,7 @@ impl Explored {
         let squares = *squares;
         // What was drawn in full before further changes were tried.
         let drawn_before = &tried[judged.map_or(tried.len(), |judged| judged.drawn.len())..];
-        for combination in &combinations {
-            if drawn_before.is_empty() {
-                break;
-            }
-            let known = drawn_before.iter().find(|tried| tried.settings == combination.settings);
-            if let Some(errors) = known.and_then(|tried| tried.errors) {
-                let measured = squares_of(&errors);
-                correct(&mut changes, combination, std::array::from_fn(|part| measured[part] - squares[part]));
-            }
-        }
+        correct_by(drawn_before, &combinations, (squares, &mut changes));
         let matters = if let Target::Milliseconds(most) = target { most } else { f64::INFINITY };
         let mut search =
             Search { camera: &self.camera, hands, local: self.local.clone(), frames: self.frames + *frames };
@@ -561,6 +552,20 @@ fn expected(
         }
     }
     Some((errors.of(kind, base, None)?, known))
+}
+
+/// Corrects the changes by the combinations that were drawn in full before.
+fn correct_by(drawn: &[Tried], combinations: &[Combination], (squares, changes): (Squares, &mut [Change])) {
+    if drawn.is_empty() {
+        return;
+    }
+    for combination in combinations {
+        let known = drawn.iter().find(|tried| tried.settings == combination.settings);
+        if let Some(errors) = known.and_then(|tried| tried.errors) {
+            let measured = squares_of(&errors);
+            correct(changes, combination, std::array::from_fn(|part| measured[part] - squares[part]));
+        }
+    }
 }
 
 /// The candidate that is expected to meet the target best. What is only predicted must keep to a share of it, `margin`.
