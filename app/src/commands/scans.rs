@@ -76,7 +76,8 @@ fn of_source(source: &codec::Source, test: &PointTest, settings: &Settings) -> F
     let read = || world::read_cloud(source, &attributes, settings, &progress);
     let (cloud, summary) = progress_bar::watch("reading", &progress, read)?;
     crate::system::interrupt::check()?;
-    terminal::warn(summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path))));
+    let of_points = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path)));
+    terminal::warn(world::file_warnings(info).chain(of_points));
     if cloud.chunks.iter().flat_map(|chunk| (0..chunk.len()).map(|at| chunk.position(at))).all(|at| !at.is_finite()) {
         return Err(usage(format!("{}: no points in it", shown(path))));
     }

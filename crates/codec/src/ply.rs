@@ -63,9 +63,9 @@ pub struct RowSource {
     roles: Roles,
 }
 
-/// A place that lies this many times as far outside of the points as these reach is not the scanner's. A window of a few
-/// degrees, scanned from afar, is nearer.
-const FARTHEST_SCANNER: f64 = 5.0;
+/// A place that lies this many times as far outside of the points as these reach, and that nobody may have written down, is
+/// not the scanner's. A window of three degrees is scanned from so far away.
+const FARTHEST_SCANNER: f64 = 20.0;
 /// Of fewer points it is not said that they are far from the scanner.
 const FEWEST_SAMPLED: usize = 16;
 
@@ -186,10 +186,10 @@ impl RowSource {
         self.info.lost = param::few(lost, "scans that cannot be read");
     }
 
-    /// The same, without a place of the scanner that lies far outside of its points: whoever exports points in coordinates
-    /// of the world often leaves the pose of the scanner empty, which stands for 0, 0, 0.
+    /// The same, without a scanner at 0, 0, 0 that lies far outside of its points: whoever exports points in coordinates of
+    /// the world often leaves the pose of the scanner empty. Another place has moved the points, or was written down.
     pub fn doubting_scanner(mut self) -> Self {
-        let Some(place) = self.info.scanner() else { return self };
+        let Some(place) = self.info.scanner().filter(|place| *place == DVec3::ZERO) else { return self };
         let doubt = |sample: fn(&Bytes, &Rows, &Packing<'_>) -> std::io::Result<Vec<u8>>| {
             let bounds = self.sampled_bounds(place, sample)?;
             let (reach, distance) = (bounds.size().length(), place.distance(place.clamp(bounds.min, bounds.max)));
@@ -197,9 +197,8 @@ impl RowSource {
         };
         // The first rows of blocks may lie side by side, so whole blocks decide what these leave in doubt.
         if let Some([distance, reach]) = doubt(rows::sample).and_then(|_| doubt(rows::thorough_sample)) {
-            let told = place.to_array().map(|value| value.to_string()).join(" ");
             self.info.warnings.push(format!(
-                "the scanner stood at {told} by the file, {distance:.0} away from points that reach over {reach:.0}: its \
+                "the scanner stood at 0 0 0 by the file, {distance:.0} away from points that reach over {reach:.2}: its \
                  place is taken as unknown"
             ));
             self.info.scan.iter_mut().for_each(|scan| scan.position = None);

@@ -281,6 +281,8 @@ fn a_pose_that_was_left_empty_beside_coordinates_of_the_world_is_no_place_of_a_s
     let axes = || vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
     let world = DVec3::new(448_000.0, 5_411_000.0, 300.0);
     let none = Transform { rotation: Quaternion::default(), translation: Translation::default() };
+    let registered =
+        Transform { rotation: Quaternion::default(), translation: Translation { x: 512.0, y: 87.0, z: 101.0 } };
     let cell = RecordDataType::Integer { min: 0, max: 100 };
     let grid = [RecordName::RowIndex, RecordName::ColumnIndex].map(|name| record(name, cell.clone()));
     let in_cell = |mut point: Vec<RecordValue>| {
@@ -301,7 +303,10 @@ fn a_pose_that_was_left_empty_beside_coordinates_of_the_world_is_no_place_of_a_s
         ([axes(), grid.to_vec()].concat(), None, in_grid(world), None),
         (axes(), Some(none.clone()), room(DVec3::ZERO), own),
         ([axes(), grid.to_vec()].concat(), None, in_grid(DVec3::ZERO), own),
-        (axes(), Some(none), room(DVec3::new(20.0, 0.0, 0.0)), own),
+        (axes(), Some(none.clone()), room(DVec3::new(20.0, 0.0, 0.0)), own),
+        // A narrow window from afar, and one whose place somebody has written down.
+        (axes(), Some(none), room(DVec3::new(90.0, 0.0, 0.0)), own),
+        (axes(), Some(registered), room(DVec3::new(300.0, 0.0, 0.0)), Some(DVec3::new(512.0, 87.0, 101.0))),
     ];
     for (number, (prototype, pose, points, expected)) in cases.into_iter().enumerate() {
         let (_folder, path) = place(&written(prototype, pose, &points));
