@@ -71,7 +71,8 @@ pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
     }
     let (mut sources, mut lost) = (Vec::new(), Vec::new());
     for (number, scan) in scans.iter().enumerate() {
-        let place = format!("scan {}", name_of(scan.name.as_ref(), "scan", number));
+        let name = name_of(scan.name.as_ref(), "scan", number);
+        let place = if name.starts_with("scan ") { name } else { format!("scan {name}") };
         let mut info = Info::of_rows(&path, Format::E57, version.clone());
         info.crs = crs.clone();
         info.epsg = crs.as_deref().and_then(wkt::level_code);

@@ -205,6 +205,16 @@ impl Source {
         }
     }
 
+    /// Notes what is wrong with other scans or tiles, which cannot be opened, where those that noted it are left out.
+    pub fn lose(&mut self, lost: Vec<String>) {
+        let info = match self {
+            Self::Las(source) => &mut source.info,
+            Self::Rows(source) => &mut source.info,
+            Self::Ept(source) => &mut source.info,
+        };
+        info.lost = lost;
+    }
+
     /// The same file with its points turned and moved: `read` gives them so, and `export` writes them so. `record` still
     /// says what is in the file.
     #[must_use]

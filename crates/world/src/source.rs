@@ -38,7 +38,8 @@ pub fn open_placed(
     // A file that is empty and says so is no error.
     let is_lost = |source: &codec::Source| source.info().points == 0 && !source.info().warnings.is_empty();
     if sources.iter().all(is_lost) {
-        let warnings: Vec<String> = sources.iter().flat_map(|source| source.info().warnings.clone()).collect();
+        let told = |source: &codec::Source| [source.info().lost.clone(), source.info().warnings.clone()].concat();
+        let warnings: Vec<String> = sources.iter().flat_map(told).collect();
         let problem = param::few(warnings, "warnings").join("; ");
         return Err(format!("{}: no points can be read: {problem}", scene::shown(path)));
     }
@@ -54,7 +55,7 @@ pub fn file_warnings(info: &codec::Info) -> impl Iterator<Item = String> + '_ {
     info.warnings.iter().map(|warning| format!("{}: {warning}", scene::shown(&info.path)))
 }
 
-/// What is wrong with tiles of catalogues that cannot be opened, beside the files that can be.
+/// What is wrong with tiles of catalogues, or with scans of a file, that cannot be opened, beside those that can be.
 pub fn lost_tiles(sources: &[Arc<codec::Source>]) -> impl Iterator<Item = &String> {
     sources.iter().flat_map(|source| &source.info().lost)
 }

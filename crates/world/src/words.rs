@@ -15,7 +15,7 @@ use scene::{
 
 use crate::error::{Error, Result};
 use crate::input::{Input, built_in_name, walls_name};
-use crate::source::{called, file_name, open_file, open_placed, parts};
+use crate::source::{called, file_name, lost_tiles, open_file, open_placed, parts};
 use crate::tiles::Tiles;
 
 /// All words of a command line together.
@@ -175,7 +175,12 @@ impl Request {
         let mut sources = open_placed(file, memory, placement)?;
         if sources.len() > 1 || input.has_tiles() {
             let is_on = |info: &codec::Info| self.own_of(input, info, memory).is_none_or(|own| own.on);
+            let lost: Vec<String> = lost_tiles(&sources).cloned().collect();
             sources.retain(|source| is_on(source.info()));
+            // What one that is switched off has noted is still to be told.
+            if let Some(first) = sources.first_mut().and_then(Arc::get_mut) {
+                first.lose(lost);
+            }
         }
         Ok(sources)
     }
