@@ -302,12 +302,11 @@ impl Job<'_> {
         };
         let mut all: Vec<OwnFields> = self.sources.iter().map(fields).collect();
         let colored = self.sources.iter().filter(|source| has_colors(source)).count();
-        if is_marked && colored > 0 && colored < self.sources.len() {
-            for (own, source) in all.iter_mut().zip(self.sources) {
-                if own.fields.iter().all(|field| field.name() != HAS_COLOR) {
-                    own.fields.push(Field::new(HAS_COLOR, ColumnType::U8, Meaning::Other));
-                    own.constants.push(u16::from(has_colors(source)));
-                }
+        let is_known = |own: &OwnFields| own.fields.iter().any(|field| field.name() == HAS_COLOR);
+        if is_marked && colored > 0 && (colored < self.sources.len() || all.iter().any(is_known)) {
+            for (own, source) in all.iter_mut().zip(self.sources).filter(|(own, _)| !is_known(own)) {
+                own.fields.push(Field::new(HAS_COLOR, ColumnType::U8, Meaning::Other));
+                own.constants.push(u16::from(has_colors(source)));
             }
         }
         all
@@ -449,7 +448,7 @@ impl Job<'_> {
                 // Formats 0 to 5 cannot have what only later ones have.
                 let is_meant = |field: &Field| {
                     let is_new = matches!(field.name(), "overlap" | "scanner_channel") && las(source).is_some();
-                    none(field) == meant && field.name() != HAS_COLOR && !is_new
+                    none(field) == meant && !is_new
                 };
                 let names = merged.missing(number, is_meant);
                 if !names.is_empty() {

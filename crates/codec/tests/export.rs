@@ -308,6 +308,11 @@ fn several_files_get_the_finest_steps_and_a_format_for_all() {
     assert!(found[..500].iter().all(|point| point.extra_bytes == [0] && point.color == Some(las::Color::default())));
     assert!(told.changes.iter().any(|word| word.contains("where has_color is 0")), "{:?}", told.changes);
     assert!(found[..500].iter().zip(las_points(&first)).all(|(found, point)| found.gps_time == point.gps_time));
+    // Beside a file that says which points have colours, those of others that are coloured have theirs.
+    let third = folder.path().join("third.las");
+    written(&[&output, &colored], &PointTest::default(), &third);
+    let marks: Vec<u8> = las_points(&third).iter().map(|point| point.extra_bytes[0]).collect();
+    assert!(marks[..500].iter().all(|mark| *mark == 0) && marks[500..].iter().all(|mark| *mark == 1), "{marks:?}");
     // Extra dimensions differ.
     let mut other = points(1, 10);
     other.iter_mut().for_each(|point| point.extra_bytes = vec![1]);
