@@ -177,7 +177,6 @@ fn pages_give_the_picture_that_memory_gives_and_a_tenth_of_them_nearly() {
     }
 }
 
-/// An index keeps few attributes unless it is asked to.
 #[test]
 fn normals_of_a_streamed_scan_face_its_scanner_as_those_in_memory_do() {
     let folder = folder();
@@ -196,6 +195,7 @@ fn normals_of_a_streamed_scan_face_its_scanner_as_those_in_memory_do() {
     assert!(others < 0.001, "{others} of the pixels differ");
 }
 
+/// An index keeps few attributes unless it is asked to.
 #[test]
 fn points_of_a_streamed_cloud_are_mirrors_by_any_attribute_of_its_file() {
     let folder = folder();

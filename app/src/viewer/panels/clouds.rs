@@ -44,7 +44,10 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 let loaded = text!("{points} of {total} points loaded", points, total);
                 let hides = entry.is_visible && !session.scene.objects.test().shows_all();
                 match entry.figures.as_ref().filter(|_| hides) {
-                    Some(figures) => text!("{loaded}, {shown} shown", loaded, shown = grouped(figures.shown)),
+                    // Counted where the view last stood still.
+                    Some(figures) => {
+                        text!("{loaded}, {shown} shown", loaded, shown = grouped(figures.shown.min(entry.points)))
+                    }
                     None => loaded,
                 }
             } else if entry.is_read || entry.points >= entry.expected_points {
