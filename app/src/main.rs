@@ -9,7 +9,6 @@ mod system;
 mod viewer;
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser as _};
 use commands::{compare, export, ghosts, index, info, listing, measure, profile, record, render, study, surfaces};
@@ -18,7 +17,7 @@ use system::failure::{self, NoScreen};
 use system::terminal::complain;
 use system::{environment, fetching, interrupt, progress_bar, terminal};
 
-fn main() -> ExitCode {
+fn main() {
     quiet_wayland();
     log_if_asked();
     // A panic is a bug in the program. The user gets one line that names its place, not a back-trace.
@@ -27,31 +26,29 @@ fn main() -> ExitCode {
         let message = panic.payload_as_str().unwrap_or("no message");
         complain(&format!("internal error{place}: {message}"));
     }));
-    let line = match CommandLine::try_parse() {
-        Ok(line) => line,
-        Err(error) if !error.use_stderr() => {
-            // Help and version are results, not errors.
-            return ended(terminal::print(error.render().to_string().lines()).map(|()| 0));
-        }
+    let status = match CommandLine::try_parse() {
+        Ok(line) => std::panic::catch_unwind(move || run(line)).map_or(failure::FAILED, ended),
+        // Help and version are results, not errors.
+        Err(error) if !error.use_stderr() => ended(terminal::print(error.render().to_string().lines()).map(|()| 0)),
         Err(error) => {
             complain(&command_line::brief(error));
-            return ExitCode::from(failure::UNUSABLE);
+            failure::UNUSABLE
         }
     };
-    std::panic::catch_unwind(move || run(line)).map_or(ExitCode::from(failure::FAILED), ended)
+    interrupt::leave(status)
 }
 
 /// Reports an error, if there is one, and returns the exit status. Any error after Ctrl-C, or after a signal to end, counts
 /// as an interruption.
-fn ended(outcome: anyhow::Result<u8>) -> ExitCode {
-    ExitCode::from(outcome.unwrap_or_else(|error| {
+fn ended(outcome: anyhow::Result<u8>) -> u8 {
+    outcome.unwrap_or_else(|error| {
         let error = if interrupt::is_wanted() { failure::Interrupted.into() } else { error };
         complain(&failure::message(&error));
         match failure::exit_status(&error) {
             failure::INTERRUPTED => interrupt::status(),
             status => status,
         }
-    }))
+    })
 }
 
 /// Runs the command and returns its exit status. That may differ from 0 without an error: `info` returns 2 if one of

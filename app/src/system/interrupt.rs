@@ -1,6 +1,7 @@
 //! Handles Ctrl-C, and the signals by which a terminal that is closed or another program ends this one: asks the work
 //! under way to stop and to remove what it has begun, and ends the program with an exit status of its own.
 
+use std::io::Write as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
@@ -85,7 +86,18 @@ pub fn catch_end_of_input() {
 
 fn end() -> ! {
     complain(&Interrupted.to_string());
-    std::process::exit(i32::from(status()))
+    leave(status())
+}
+
+/// Ends the program at once with an exit status. Threads that still compile shaders are left where they are: what a driver
+/// takes down on a usual end of a program (LLVM's tables, with software Vulkan) is still used by them, and they crash.
+pub fn leave(status: u8) -> ! {
+    // Nobody is left to be told of a failure.
+    let _ = std::io::stdout().flush();
+    #[cfg(unix)]
+    signal_hook::low_level::exit(i32::from(status));
+    #[cfg(not(unix))]
+    std::process::exit(i32::from(status))
 }
 
 /// Whether Ctrl-C was pressed, or a signal has asked the program to end.
