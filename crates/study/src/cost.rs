@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use param::Choice as _;
 use render::{FrameStats, PassStage};
-use scene::Settings;
+use scene::{IndirectBy, Settings};
 use serde::{Deserialize, Serialize};
 
 use crate::auto::KnownErrors;
@@ -34,11 +34,15 @@ pub enum Driver {
     ShadowPoints,
     /// The texels of these shadow maps.
     ShadowTexels,
-    /// The pixels, times the virtual lights that light each.
+    /// The pixels, times the virtual lights that light each, or the places where its rays of light end.
     LitPixels,
+    /// The pixels, times the rays of light of each, those of further bounces among them.
+    LightRays,
 }
 
-use Driver::{Frame, Lights, LitPixels, MirrorPixels, Pixels, Points, PointsDrawn, ShadowPoints, ShadowTexels};
+use Driver::{
+    Frame, LightRays, Lights, LitPixels, MirrorPixels, Pixels, Points, PointsDrawn, ShadowPoints, ShadowTexels,
+};
 
 impl Driver {
     /// The name for people.
@@ -53,6 +57,7 @@ impl Driver {
             ShadowPoints => "point in shadow maps",
             ShadowTexels => "texel of shadow maps",
             LitPixels => "pixel and virtual light",
+            LightRays => "ray of light",
         }
     }
 
@@ -65,6 +70,7 @@ impl Driver {
             MirrorPixels => Some("reflection.method"),
             Lights | ShadowPoints if settings.gi.shadows => Some("gi.shadow_points"),
             ShadowTexels => Some("gi.shadow_size"),
+            LightRays => Some("gi.rays_per_pixel"),
             LitPixels if settings.gi.interleave < 8 => Some("gi.interleave"),
             Lights | ShadowPoints | LitPixels => Some("gi.vpls"),
         }
@@ -76,7 +82,9 @@ fn drivers(stage: PassStage) -> &'static [Driver] {
     match stage {
         PassStage::Surface => &[Frame, PointsDrawn, Pixels],
         PassStage::Method => &[Frame, Points, Pixels, MirrorPixels],
-        PassStage::Light => &[Frame, Points, Pixels, MirrorPixels, Lights, ShadowPoints, ShadowTexels, LitPixels],
+        PassStage::Light => {
+            &[Frame, Points, Pixels, MirrorPixels, Lights, ShadowPoints, ShadowTexels, LitPixels, LightRays]
+        }
         PassStage::View => &[Frame, Pixels],
     }
 }
@@ -94,6 +102,7 @@ pub struct Workload {
     pub shadow_points: f64,
     pub shadow_texels: f64,
     pub lit_pixels: f64,
+    pub light_rays: f64,
 }
 
 impl Workload {
@@ -141,11 +150,15 @@ impl Workload {
         let mirror_pixels = if is_reflected { self.mirrors * f64::from(reflection.bounces) } else { 0.0 };
         let shadowed = if gi.shadows { self.lights } else { 0.0 };
         let each = self.lights / f64::from(gi.interleave * gi.interleave).max(1.0);
+        let has_rays = self.lights > 0.0 && gi.by == IndirectBy::Rays;
+        let paths = if has_rays { self.pixels * f64::from(gi.rays_per_pixel) } else { 0.0 };
+        let lit = if has_rays { paths } else { self.pixels };
         Self {
             mirror_pixels,
             shadow_points: shadowed * f64::from(gi.shadow_points).min(self.points),
             shadow_texels: shadowed * f64::from(gi.shadow_size * gi.shadow_size),
-            lit_pixels: (self.pixels + mirror_pixels) * each,
+            lit_pixels: (lit + mirror_pixels) * each,
+            light_rays: paths * f64::from(gi.ray_bounces),
             ..self
         }
     }
@@ -163,6 +176,7 @@ impl Workload {
             ShadowPoints => millions(self.shadow_points),
             ShadowTexels => millions(self.shadow_texels),
             LitPixels => millions(self.lit_pixels) * 0.01,
+            LightRays => millions(self.light_rays),
         }
     }
 }
@@ -180,6 +194,7 @@ fn variant(stage: PassStage, settings: &Settings, work: &Workload) -> String {
             std::iter::once(row.name.to_owned()).chain(differing).collect()
         }
         PassStage::Method => "none".to_owned(),
+        PassStage::Light if work.light_rays > 0.0 => "indirect by rays".to_owned(),
         PassStage::Light if work.lights > 0.0 => "indirect".to_owned(),
         PassStage::Light => "direct".to_owned(),
         PassStage::View => String::new(),
@@ -372,7 +387,9 @@ impl CostModel {
             for pass in stats.passes.iter().filter(|pass| pass.stage == stage) {
                 *times.entry(pass.name).or_default() += pass.milliseconds;
             }
-            if times.is_empty() && !is_whole {
+            // Rays of light are summed over several frames, and the frame does not say how many of them it added.
+            let is_sum = stage == PassStage::Light && work.light_rays > 0.0;
+            if (times.is_empty() || is_sum) && !is_whole {
                 continue;
             }
             let variants = self.stages.entry(stage.name().to_owned()).or_default();
@@ -568,6 +585,42 @@ mod tests {
         let expected = frame(&half, [320, 240], 600_000).frame_milliseconds;
         let predicted = costs.predict(&work.with(&base, &half), &half).unwrap();
         assert!((predicted / expected - 1.0).abs() < 0.02, "{predicted} ms, in truth {expected} ms");
+    }
+
+    #[test]
+    fn light_by_rays_costs_by_its_rays_and_is_learned_from_whole_sums_alone() {
+        let by_rays =
+            |rays: &str| settings(&[("reflection.method", "none"), ("gi.by", "rays"), ("gi.rays_per_pixel", rays)]);
+        // Two microseconds a ray, and a picture of virtual lights' maps.
+        let frame = |settings: &Settings, size: [u32; 2]| {
+            let mut stats = frame(settings, size, 200_000);
+            let pass = stats.passes.iter_mut().find(|pass| pass.name == "indirect").unwrap();
+            let paths = f64::from(size[0] * size[1]) * f64::from(settings.gi.rays_per_pixel);
+            (pass.name, pass.milliseconds) = ("light_rays", 2e-3 * paths * f64::from(settings.gi.ray_bounces));
+            stats
+        };
+        let mut model = CostModel::default();
+        for (rays, size) in [("1", [320, 240]), ("4", [320, 240]), ("4", [160, 120]), ("16", [160, 120])] {
+            let settings = by_rays(rays);
+            model.learn(&frame(&settings, size), &settings, size);
+        }
+        let base = by_rays("64");
+        let work = Workload::of(&frame(&base, [320, 240]), &base, [320, 240]);
+        let close = |model: &CostModel, rays: &str| {
+            let settings = by_rays(rays);
+            let predicted = model.costs().predict(&work.with(&base, &settings), &settings).unwrap();
+            (predicted / frame(&settings, [320, 240]).passes.iter().map(|pass| pass.milliseconds).sum::<f64>() - 1.0)
+                .abs()
+                < 0.02
+        };
+        assert!(["1", "8", "64"].iter().all(|rays| close(&model, rays)));
+        // A frame of the window adds some of 64 rays.
+        let mut some = frame(&by_rays("4"), [320, 240]);
+        some.light_rays = [4, 64];
+        model.learn_parts(&some, &base, [320, 240]);
+        assert!(close(&model, "64"));
+        let lights = settings(&[("reflection.method", "none")]);
+        assert_eq!(model.costs().predict(&work.with(&base, &lights), &lights), None, "lights were never drawn");
     }
 
     #[test]

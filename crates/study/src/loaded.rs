@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::anyhow;
 use cloud::Progress;
 use render::{Aov, Renderer};
-use scene::Settings;
+use scene::{IndirectBy, Settings};
 
 use crate::auto::{Choice, Explored, Hands};
 use crate::cost::CostModel;
@@ -33,7 +33,7 @@ pub struct Loaded {
     /// The still picture of the settings that were judged last.
     pub still: Option<(Settings, [u32; 2], Still)>,
     /// What is known of the view, for targets, with the settings that it is known of.
-    pub explored: Option<(Settings, [u32; 2], Explored)>,
+    pub explored: Option<(Settings, [u32; 2], bool, Explored)>,
 }
 
 impl Loaded {
@@ -78,11 +78,18 @@ impl Loaded {
             Ok(subject.render_next(renderer, settings, size)?)
         };
         let mut hands = Hands { renderer, draw: &mut draw, model };
-        let (_, _, known) = match explored.take().filter(|(of, size, _)| of == settings && *size == case.size) {
+        // Where lights would stand in for rays, a target in pixels leaves light as it is.
+        let light_counts =
+            settings.gi.by == IndirectBy::Lights || !matches!(planned, PlannedTarget::Fixed(Target::Pixels(_)));
+        let is_of = |(of, size, counts, _): &(Settings, [u32; 2], bool, Explored)| {
+            of == settings && *size == case.size && *counts == light_counts
+        };
+        let (_, _, _, known) = match explored.take().filter(is_of) {
             Some(known) => explored.insert(known),
             None => {
-                let known = Explored::new(settings, &[], (&subject.camera, case.size), true, &mut hands)?;
-                explored.insert((settings.clone(), case.size, known))
+                let view = (&subject.camera, case.size);
+                let known = Explored::new(settings, &[], view, light_counts, &mut hands)?;
+                explored.insert((settings.clone(), case.size, light_counts, known))
             }
         };
         let target = planned.target(known.milliseconds());

@@ -10,7 +10,7 @@ use palette::color_difference::Ciede2000 as _;
 use palette::white_point::D65;
 use rayon::prelude::*;
 use render::{Aov, Renderer};
-use scene::{Camera, Method, MirrorSurface, Projection, Settings};
+use scene::{Camera, IndirectBy, Method, MirrorSurface, Projection, Settings};
 use serde::{Deserialize, Serialize};
 use trace::linear_from_srgb;
 
@@ -79,7 +79,10 @@ pub fn still_settings(settings: &Settings) -> Settings {
     (still.view.resolution, still.splat.step, still.reflection.least_weight) = (1.0, 1, 0.0);
     let gi = &mut still.gi;
     (gi.vpls, gi.sky_lights) = (gi.vpls.max(STILL_LIGHTS), gi.sky_lights.max(STILL_LIGHTS));
-    gi.interleave = 1;
+    // Where rays end, lights are averaged over all rays of a window.
+    if gi.by == IndirectBy::Lights {
+        gi.interleave = 1;
+    }
     still
 }
 

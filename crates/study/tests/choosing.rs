@@ -3,7 +3,7 @@
 
 use render::{Error, FrameStats, Gpu, PassStage, PassTime, Renderer};
 use scene::five_mirrors::{self, Variant};
-use scene::{Method, Settings};
+use scene::{IndirectBy, Method, Settings};
 use study::auto::{Hands, choose};
 use study::{Choice, CostModel, Subject, Target};
 
@@ -132,4 +132,58 @@ fn frames_that_other_work_disturbed_decide_nothing() {
         let [method, of_calm] = [&choice, &calm].map(|choice| &choice.set["reflection.method"]);
         assert_eq!((method, choice.predicted_ms.round()), (of_calm, 71.0), "case {case}: {choice:?}");
     }
+}
+
+/// With light by rays in the settings, which take three milliseconds each beside twenty of all else, and `fixed` besides
+/// what is no light: what is chosen.
+fn lit((subject, renderer): (&Subject, &mut Renderer), target: Target, fixed: &[&str]) -> Choice {
+    let mut settings = Settings::default();
+    for (key, value) in [
+        ("gi.by", "rays"),
+        ("gi.rays_per_pixel", "8"),
+        ("gi.vpls", "16"),
+        ("gi.shadows", "false"),
+        ("reflection.method", "surfel_trace"),
+    ] {
+        settings.set_text(key, value).unwrap();
+    }
+    let others =
+        ["view.resolution", "splat.step", "splat.quality", "mirror.surface", "reflection.method", "gi.bounces"];
+    let fixed: Vec<String> = others.iter().chain(fixed).map(|key| (*key).to_owned()).collect();
+    let mut draw = |renderer: &mut Renderer, settings: &Settings, size| {
+        let stats = subject.render_next(renderer, settings, size)?;
+        let rays = if settings.gi.by == IndirectBy::Rays { settings.gi.rays_per_pixel } else { 0 };
+        assert_eq!(stats.light_rays, [rays; 2]);
+        let passes =
+            [("shade", 20.0), ("indirect", 0.2 * f64::from(settings.gi.vpls)), ("light_rays", 3.0 * f64::from(rays))];
+        let pass = |(name, milliseconds)| PassTime { name, stage: PassStage::Light, milliseconds };
+        let passes: Vec<PassTime> = passes.into_iter().map(pass).collect();
+        Ok(FrameStats { frame_milliseconds: passes.iter().map(|pass| pass.milliseconds).sum(), passes, ..stats })
+    };
+    let mut hands = Hands { renderer, draw: &mut draw, model: &mut CostModel::default() };
+    choose(target, &settings, &fixed, (&subject.camera, [24, 18]), &mut hands).unwrap()
+}
+
+#[test]
+fn lights_take_the_place_of_rays_where_time_is_short() {
+    let Some((subject, mut renderer)) = scene() else { return };
+    let mut lit = |target, fixed: &[&str]| lit((&subject, &mut renderer), target, fixed);
+    let fixed = ["gi.vpls", "gi.interleave"];
+    let set = |choice: &Choice, key: &str| choice.set.get(key).cloned();
+    let short = lit(Target::Milliseconds(24.0), &fixed);
+    assert_eq!(
+        (set(&short, "gi.by").as_deref(), set(&short, "gi.rays_per_pixel")),
+        (Some("lights"), None),
+        "{short:?}"
+    );
+    let some = lit(Target::Milliseconds(38.0), &fixed);
+    assert_eq!((set(&some, "gi.by"), set(&some, "gi.rays_per_pixel").as_deref()), (None, Some("4")), "{some:?}");
+    let all = lit(Target::Milliseconds(50.0), &fixed);
+    assert_eq!((set(&all, "gi.by"), set(&all, "gi.rays_per_pixel"), all.predicted_error), (None, None, 0.0), "{all:?}");
+    assert!(short.predicted_error > some.predicted_error && some.predicted_error > 0.0);
+    let few = lit(Target::Milliseconds(28.0), &["gi.vpls", "gi.interleave", "gi.by"]);
+    assert_eq!((set(&few, "gi.by"), set(&few, "gi.rays_per_pixel").as_deref()), (None, Some("1")), "{few:?}");
+    // Light is no error of pixels.
+    let pixels = lit(Target::Pixels(1.0), &fixed);
+    assert!(pixels.set.keys().all(|key| !key.starts_with("gi.")), "{pixels:?}");
 }

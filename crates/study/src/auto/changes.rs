@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use param::{Choice as _, Field, Params, Value};
-use scene::{METHODS, Method, Settings};
+use scene::{Gi, IndirectBy, METHODS, Method, Settings};
 use serde::{Deserialize, Serialize};
 
 use crate::still::{StillError, Target};
@@ -26,6 +26,14 @@ const LEVERS: [(&str, &[&str]); 8] = [
     ("gi.vpls", &["1024", "128", "64", "32", "16"]),
 ];
 
+/// What brings light, and the numbers of rays that are tried where the settings have more.
+const BY: &str = "gi.by";
+const RAYS: &str = "gi.rays_per_pixel";
+const FEWER_RAYS: [u32; 3] = [16, 4, 1];
+
+/// What changes little of light by rays: the lights where their paths end.
+const OF_LIGHTS: [&str; 2] = ["gi.interleave", "gi.vpls"];
+
 /// What the still picture's settings change besides.
 const OF_STILL: [&str; 3] = ["gi.sky_lights", "reflection.least_weight", "reflection.own_methods"];
 
@@ -33,7 +41,7 @@ const OF_STILL: [&str; 3] = ["gi.sky_lights", "reflection.least_weight", "reflec
 pub fn may_change(key: &str) -> bool {
     let of_methods = METHODS.iter().flat_map(|row| row.variants).map(|(key, _)| *key);
     let levers = LEVERS.iter().map(|(key, _)| *key);
-    of_methods.chain(levers).chain(OF_STILL).chain([METHOD]).any(|known| known == key)
+    of_methods.chain(levers).chain(OF_STILL).chain([METHOD, BY, RAYS]).any(|known| known == key)
 }
 
 /// Times of equal work differ by some hundredths.
@@ -82,9 +90,49 @@ impl Change {
     }
 }
 
-/// The changes of `base` that may be tried; parameters of `fixed` stay as they are. Methods are tried where there are
-/// mirrors, and light where light between surfaces is drawn. None has more bounces than `base`.
-pub fn changes_of(base: &Settings, fixed: &[String], has_mirrors: bool, is_lit: bool) -> Vec<Change> {
+/// The settings in which single parameters are changed: those of a person, with the method that `auto` stands for, and
+/// with virtual lights in the place of rays of light, or with few rays where lights are `fixed`. Many rays take long, so
+/// that they are among the changes ([`of_rays`]). Light that does not count stays as it is.
+pub fn base_of(settings: &Settings, fixed: &[String], light_counts: bool) -> Settings {
+    let mut base = settings.clone();
+    base.reflection.method = base.reflection.method.chosen();
+    let is_free = |key: &str| light_counts && !fixed.iter().any(|fixed| fixed == key);
+    let gi = &mut base.gi;
+    match gi.by {
+        IndirectBy::Rays if is_free(BY) => gi.by = IndirectBy::Lights,
+        IndirectBy::Rays if is_free(RAYS) => gi.rays_per_pixel = gi.rays_per_pixel.min(FEWER_RAYS[1]),
+        _ => {}
+    }
+    base
+}
+
+/// The changes of `base` to light by rays, if the `settings` that it was made of have rays: to as many, and to fewer.
+fn of_rays(settings: &Settings, base: &Settings, is_free: impl Fn(&str) -> bool) -> Vec<Vec<(&'static str, String)>> {
+    if settings.gi.by != IndirectBy::Rays {
+        return Vec::new();
+    }
+    let own = settings.gi.rays_per_pixel;
+    let fewer = FEWER_RAYS.into_iter().filter(|number| *number < own && is_free(RAYS));
+    let number = |number: u32| (RAYS, number.to_string());
+    let by = (BY, settings.gi.by.name().to_owned());
+    let all = std::iter::once(own).chain(fewer);
+    match base.gi.by {
+        IndirectBy::Lights if is_free(RAYS) => all.map(|rays| vec![by.clone(), number(rays)]).collect(),
+        IndirectBy::Lights => vec![vec![by]],
+        IndirectBy::Rays => all.map(|rays| vec![number(rays)]).collect(),
+    }
+}
+
+/// The changes that may be tried of `base`, which [`base_of`] made of `settings`; parameters of `fixed` stay as they are.
+/// Methods are tried where there are mirrors, and light where light between surfaces is drawn. None has more bounces
+/// than `base`, or more rays of light than `settings`.
+pub fn changes_of(
+    settings: &Settings,
+    base: &Settings,
+    fixed: &[String],
+    has_mirrors: bool,
+    is_lit: bool,
+) -> Vec<Change> {
     let is_free = |key: &str| !fixed.iter().any(|fixed| fixed == key);
     let mut sets: Vec<Vec<(&'static str, String)>> = Vec::new();
     if has_mirrors && is_free(METHOD) {
@@ -94,6 +142,9 @@ pub fn changes_of(base: &Settings, fixed: &[String], has_mirrors: bool, is_lit: 
             let with = own.map(|(key, value)| [alone.clone(), vec![(*key, (*value).to_owned())]].concat());
             sets.extend(std::iter::once(alone.clone()).chain(with));
         }
+    }
+    if is_lit {
+        sets.extend(of_rays(settings, base, is_free));
     }
     for (key, values) in LEVERS.iter().filter(|(key, _)| is_free(key) && (is_lit || !key.starts_with(LIGHT))) {
         sets.extend(values.iter().map(|value| vec![(*key, (*value).to_owned())]));
@@ -128,11 +179,16 @@ const MOST_KNOWN: usize = 2000;
 pub struct Kind(String);
 
 impl Kind {
-    /// `fixed` names the parameters that the still picture keeps.
-    pub fn new(has_mirrors: bool, fixed: &[String]) -> Self {
+    /// `fixed` names the parameters that the still picture keeps of `settings`.
+    pub fn new(settings: &Settings, has_mirrors: bool, fixed: &[String]) -> Self {
         let view = if has_mirrors { "mirrors" } else { "no mirrors" };
+        let Gi { by, rays_per_pixel, .. } = settings.gi;
+        let view = match by {
+            IndirectBy::Rays => format!("{view} {rays_per_pixel} rays"),
+            IndirectBy::Lights => view.to_owned(),
+        };
         let is_lever = |key: &&String| LEVERS.iter().any(|(lever, _)| lever == key);
-        Self(fixed.iter().filter(is_lever).fold(view.to_owned(), |kind, key| format!("{kind} {key}")))
+        Self(fixed.iter().filter(is_lever).fold(view, |kind, key| format!("{kind} {key}")))
     }
 }
 
@@ -256,7 +312,9 @@ pub fn combinations(base: &Settings, changes: &[Change]) -> Vec<Combination> {
             for (index, change) in changes.iter().enumerate().filter(is_of_key) {
                 let settings = change.of(&combination.settings);
                 // Without light between surfaces the number of its lights changes nothing.
-                if settings.gi.bounces > 0 || settings.gi.vpls == base.gi.vpls {
+                let is_lit = settings.gi.bounces > 0 || settings.gi.vpls == base.gi.vpls;
+                let is_by_rays = combination.settings.gi.by != base.gi.by;
+                if is_lit && !(is_by_rays && OF_LIGHTS.contains(&key)) {
                     let changes = [&combination.changes[..], &[index]].concat();
                     next.push(Combination { settings, changes });
                 }
@@ -427,6 +485,39 @@ mod tests {
     }
 
     #[test]
+    fn lights_take_the_place_of_rays_that_are_free_and_rays_are_among_the_changes() {
+        let mut settings = Settings::default();
+        (settings.gi.by, settings.gi.rays_per_pixel) = (IndirectBy::Rays, 64);
+        let of = |settings: &Settings, fixed: &[&str]| {
+            let fixed: Vec<String> = fixed.iter().map(|key| (*key).to_owned()).collect();
+            let base = base_of(settings, &fixed, true);
+            let mut changes = changes_of(settings, &base, &fixed, false, true);
+            changes.retain(|change| change.is_of_light() && change.set[0].0 != "gi.bounces");
+            let rays = changes.iter().filter(|change| [BY, RAYS].contains(&change.set[0].0));
+            let rays: Vec<String> =
+                rays.map(|change| change.set.iter().map(|(_, value)| format!("{value} ")).collect()).collect();
+            (base, changes, rays.concat())
+        };
+        let (base, changes, rays) = of(&settings, &["gi.interleave"]);
+        assert_eq!((base.gi.by, rays.as_str()), (IndirectBy::Lights, "rays 64 rays 16 rays 4 rays 1 "));
+        // Six numbers of lights, or one of four numbers of rays.
+        let combined = combinations(&base, &changes);
+        let count = |by: IndirectBy| combined.iter().filter(|found| found.settings.gi.by == by).count();
+        assert_eq!([IndirectBy::Lights, IndirectBy::Rays].map(count), [6, 4]);
+        let all: Vec<&Settings> = combined.iter().map(|found| &found.settings).collect();
+        assert!(all.iter().enumerate().all(|(index, own)| !all[..index].contains(own)));
+        let (base, _, rays) = of(&settings, &[RAYS]);
+        assert_eq!((base.gi.by, base.gi.rays_per_pixel, rays.as_str()), (IndirectBy::Lights, 64, "rays "));
+        let (base, _, rays) = of(&settings, &[BY]);
+        assert_eq!((base.gi.by, base.gi.rays_per_pixel, rays.as_str()), (IndirectBy::Rays, 4, "64 16 1 "));
+        let (base, _, rays) = of(&settings, &[BY, RAYS]);
+        assert_eq!((base.gi.rays_per_pixel, rays.as_str()), (64, ""));
+        assert_eq!(base_of(&settings, &[], false).gi, settings.gi, "light that does not count stays");
+        settings.gi.by = IndirectBy::Lights;
+        assert_eq!(of(&settings, &[]).2, "");
+    }
+
+    #[test]
     fn a_combination_that_was_measured_is_expected_as_it_was_and_others_move_along() {
         let mut base = Settings::default();
         base.reflection.method = Method::SscrHierarchical;
@@ -454,13 +545,14 @@ mod tests {
         let base = Settings::default();
         let few = change(&[("gi.vpls", "16")], [1.0, 2.0, 3.0], 5.0);
         let mut known = KnownErrors::default();
-        let [mirrors, bare] = [true, false].map(|has_mirrors| Kind::new(has_mirrors, &["scene.seed".to_owned()]));
+        let [mirrors, bare] =
+            [true, false].map(|has_mirrors| Kind::new(&base, has_mirrors, &["scene.seed".to_owned()]));
         known.learn(&mirrors, &base, [4.0; 3], std::slice::from_ref(&few));
         assert_eq!(known.of(&mirrors, &base, Some(&few)), Some([1.0, 2.0, 3.0]));
         assert_eq!(known.of(&mirrors, &base, None), Some([4.0; 3]));
         assert_eq!(known.of(&bare, &base, Some(&few)), None);
         // The still picture keeps what is fixed, so its errors are others.
-        assert_eq!(known.of(&Kind::new(true, &["view.resolution".to_owned()]), &base, Some(&few)), None);
+        assert_eq!(known.of(&Kind::new(&base, true, &["view.resolution".to_owned()]), &base, Some(&few)), None);
         let mut other = base.clone();
         other.gi.vpls = 128;
         assert_eq!((known.of(&mirrors, &other, Some(&few)), known.of(&mirrors, &other, None)), (None, None));

@@ -31,7 +31,7 @@ use render::{FrameStats, PassTime, Renderer};
 use scene::{Camera, Method, Settings};
 
 use self::changes::{
-    Change, Combination, Kind, METHOD, Squares, changes_of, combinations, correct, differing, predicted_error,
+    Change, Combination, Kind, METHOD, Squares, base_of, changes_of, combinations, correct, differing, predicted_error,
     squares_of, without_dominated,
 };
 pub use self::changes::{KnownErrors, may_change};
@@ -135,7 +135,7 @@ pub fn choose(
 /// What is known of a view before a target is.
 pub struct Explored {
     settings: Settings,
-    /// The settings with the method that `auto` stands for.
+    /// Those in which single parameters are changed ([`base_of`]).
     base: Settings,
     camera: Camera,
     size: [u32; 2],
@@ -235,8 +235,7 @@ impl Explored {
         hands: &mut Hands<'_, '_>,
     ) -> anyhow::Result<Self> {
         let start = Instant::now();
-        let mut base = settings.clone();
-        base.reflection.method = base.reflection.method.chosen();
+        let base = base_of(settings, fixed, light_counts);
         // What was learned of other scenes counts until more is known of this one.
         let mut local = hands.model.clone();
         local.fade(OTHER_SCENES);
@@ -245,9 +244,9 @@ impl Explored {
         let of_base = drawn_size(size, &base);
         let work = Workload::of(&stats, &base, of_base);
         let shown = Shown::read(search.hands.renderer, camera, &base, of_base)?;
-        let changes = changes_of(&base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
-        let stills = Stills::new(&base, fixed, size);
-        let kind = Kind::new(work.mirrors > 0.0, fixed);
+        let changes = changes_of(settings, &base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
+        let stills = Stills::new(settings, fixed, size);
+        let kind = Kind::new(settings, work.mirrors > 0.0, fixed);
         let is_fixed = fixed.iter().any(|key| key == METHOD);
         let mut choice = stills.whole.clone();
         choice.reflection.own_methods = base.reflection.own_methods;
@@ -281,7 +280,7 @@ impl Explored {
         })
     }
 
-    /// The milliseconds of a frame with the settings as they were.
+    /// The milliseconds of a frame with the settings as they were, or with virtual lights in the place of rays of light.
     pub fn milliseconds(&self) -> f64 {
         self.milliseconds
     }
