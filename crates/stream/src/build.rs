@@ -95,6 +95,25 @@ pub fn build_in_order(
     build_on_disk(inputs, cache, options, progress, preview, next, u64::MAX)
 }
 
+/// Shows an even share of the points of some files of which no index can be made, at most `most_points`. `also` names the
+/// attributes that are shown besides the usual ones; `progress` counts each point once, and `preview` is that of [`build`].
+///
+/// # Errors
+/// `Cancelled`; `Input` if no file can be read.
+pub fn show_share(
+    inputs: &[Arc<Source>],
+    also: &BTreeSet<String>,
+    most_points: u64,
+    progress: &Progress,
+    preview: &(dyn Fn(Previewed) + Sync),
+) -> Result<()> {
+    let options = BuildOptions { memory: 0, preview_points: most_points };
+    let preview = Preview::new(most_points, header_points(inputs), preview);
+    let build = Build { inputs, also, options: &options, progress, preview, next: &|_| 0, disk: 0 };
+    build.preview.show_first(&plan::layout(inputs, also, true), inputs, &build.first_points(), progress);
+    build.measure(1).map(drop)
+}
+
 /// Builds an index; `disk` limits the size of each file in bytes.
 fn build_on_disk(
     inputs: &[Arc<Source>],
@@ -232,7 +251,7 @@ impl Build<'_> {
                 if extent.is_some() {
                     return Err(self.why_empty(first_path()));
                 }
-                extent = Some(self.measure()?);
+                extent = Some(self.measure(3)?);
                 continue;
             };
             self.expect(2);
@@ -245,7 +264,7 @@ impl Build<'_> {
             if outside || (!plan.layout.wide && counts.misfits.load(Ordering::Relaxed) > 0) {
                 // The headers are wrong: read again with the measured extent.
                 wide |= counts.misfits.load(Ordering::Relaxed) > 0;
-                extent = Some(self.measure()?);
+                extent = Some(self.measure(3)?);
                 drop(temporary);
                 std::fs::remove_file(&path).map_err(|error| Error::not_written(&path, error))?;
                 continue;
@@ -283,9 +302,9 @@ impl Build<'_> {
         self.progress.set_total(self.progress.done().saturating_add(points));
     }
 
-    /// Measures where the points are, when headers do not say. The preview is filled during this pass.
-    fn measure(&self) -> Result<Extent> {
-        self.expect(3);
+    /// Measures where the points are, when headers do not say. The preview is filled during this pass, the first of `passes`.
+    fn measure(&self, passes: u64) -> Result<Extent> {
+        self.expect(passes);
         let layout = plan::layout(self.inputs, self.also, true);
         let (mut selections, columns): (Vec<Selection>, Vec<_>) =
             self.inputs.iter().map(|input| plan::selection(input, &layout)).unzip();

@@ -37,7 +37,7 @@ mod tree;
 
 pub use again::Again;
 pub use batches::{BATCHES, prefix, rank_of_batch};
-pub use build::{BuildOptions, build, build_in_order};
+pub use build::{BuildOptions, build, build_in_order, show_share};
 pub use cache::Cache;
 pub use cut::{Budget, Cut, MirrorBound, MirrorForm, Tree, ViewMeasure, Wanted, choose};
 pub use error::{Error, Result};

@@ -354,11 +354,12 @@ impl Loader {
                 self.stream(streamed, pages, was_built, std::mem::take(&mut *previews()));
                 Some(true)
             }
-            Err(Stopped::Cancelled) => {
-                let points = previews().values().sum();
-                self.mailbox.keep_room(cloud, points);
-                let summary = codec::Summary { points, cancelled: true, ..Default::default() };
-                self.send(Event::Read { cloud, summary }).map(|()| false)
+            Err(Stopped::Cancelled) => self.stopped(streamed),
+            // Where the cache cannot hold the index, what a preview shows is better than nothing.
+            Err(Stopped::Failed(error, false)) if self.shows_share(streamed, task, preview_points, &preview) => {
+                let error = format!("{error}; until then an even share of its points is shown");
+                self.send(Event::Failed { input: streamed.input.clone(), error, is_usage: false })?;
+                self.stopped(streamed)
             }
             Err(Stopped::Failed(error, is_usage)) => {
                 let input = streamed.input.clone();
@@ -371,6 +372,48 @@ impl Loader {
                 self.send(Event::Read { cloud, summary: codec::Summary::default() }).map(|()| false)
             }
         }
+    }
+
+    /// Lets the preview of a cloud stay whose index is not made now.
+    fn stopped(&self, streamed: &StreamedInput) -> Option<bool> {
+        let points = streamed.previews.lock().unwrap_or_else(PoisonError::into_inner).values().sum();
+        self.mailbox.keep_room(streamed.cloud, points);
+        let summary = codec::Summary { points, cancelled: true, ..Default::default() };
+        self.send(Event::Read { cloud: streamed.cloud, summary }).map(|()| false)
+    }
+
+    /// Shows an even share of the points of a cloud whose index cannot be written, unless the preview is one, and marks its
+    /// task as stopped, which can be resumed. Returns whether any points are shown.
+    fn shows_share(
+        &self,
+        streamed: &StreamedInput,
+        task: &CloudTask,
+        most_points: u64,
+        preview: &(dyn Fn(Previewed) + Sync),
+    ) -> bool {
+        let previews = || streamed.previews.lock().unwrap_or_else(PoisonError::into_inner);
+        let before: HashMap<Part, u64> = previews().clone();
+        let shown: u64 = before.values().sum();
+        // Points that are no share of all are those of the beginnings of files.
+        if shown < most_points.min(task.points()) / 10 * 9 {
+            self.mailbox.keep_room(streamed.cloud, most_points + shown);
+            let also = self.also();
+            let share =
+                task.run(|progress| stream::show_share(&streamed.sources, &also, most_points, progress, preview));
+            tracing::debug!(input = streamed.input, ?share, "without an index");
+            if share.is_ok() && previews().len() > before.len() {
+                for part in before.into_keys() {
+                    previews().remove(&part);
+                    // Nobody is there to show it if the receiver is gone.
+                    let _ = self.send(Event::Dropped { cloud: streamed.cloud, part });
+                }
+            }
+        }
+        let is_shown = !previews().is_empty();
+        if is_shown {
+            task.progress.cancel();
+        }
+        is_shown
     }
 
     /// Estimates missing normals and radii of all points of indexes of ours.

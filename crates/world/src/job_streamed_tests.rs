@@ -432,3 +432,47 @@ fn reading_gives_way_to_the_first_picture() {
     mailbox.end();
     mailbox.give_way();
 }
+
+#[test]
+fn a_cloud_whose_index_cannot_be_written_is_shown_by_an_even_share_until_it_can() {
+    const BUDGET: u32 = 100_000;
+    let folder = tempfile::tempdir().unwrap();
+    let input = hills(&folder.path().join("a.ply"), 300_000, [0.0; 2]);
+    let settings = settings(scene::Paging::Always, BUDGET);
+    // A file is in the way of the cache's folder.
+    let in_the_way = folder.path().join("cache");
+    std::fs::write(&in_the_way, "").unwrap();
+    let cache = Cache::new(in_the_way.clone(), u64::MAX);
+    let job = start_with(vec![input], &settings, BTreeSet::new(), true, Ok(cache));
+    let (mut received, mut last_x, mut told) = (Received::default(), 0.0_f64, String::new());
+    while received.read.is_empty() {
+        let event = job.events.recv_timeout(PATIENCE).expect("it ends");
+        match &event {
+            Event::Chunk { chunk, .. } => last_x = last_x.max(chunk.bounds().max.x),
+            Event::Failed { error, is_usage, .. } => {
+                assert!(!is_usage, "{error}");
+                told.clone_from(error);
+            }
+            _ => {}
+        }
+        received.take(event);
+    }
+    assert!(told.contains("until then an even share of its points is shown"), "{told}");
+    let most = crate::budget::most_preview_points(&settings);
+    assert!((most * 9 / 10..=most).contains(&received.points()) && last_x > 0.99, "{} of {most}", received.points());
+    let task = job.mailbox.task(0).unwrap();
+    assert_eq!(task.status(), crate::task::TaskStatus::Stopped);
+    // Where it still cannot be written, what is shown stays.
+    let shown = received.points();
+    job.mailbox.resume(0);
+    while received.read.len() < 2 {
+        received.take(job.events.recv_timeout(PATIENCE).expect("it ends"));
+    }
+    assert_eq!((received.points(), received.failed), (shown, 2));
+    std::fs::remove_file(in_the_way).unwrap();
+    job.mailbox.resume(0);
+    let view_number = job.mailbox.set_view(viewpoint(&settings));
+    received.settle(&job, view_number);
+    assert!(received.chunks.keys().all(|(_, part)| matches!(part, Part::Node(_))), "a preview stays");
+    assert_eq!(received.failed, 2);
+}
