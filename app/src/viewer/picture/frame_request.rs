@@ -1,8 +1,10 @@
 //! What a picture is drawn of, and how much of it where something moves.
 
 use cloud::PointTest;
-use render::FrameStats;
-use scene::{Camera, GlossPattern, LightClues, Mirror, MirrorSurface, Quality, Settings, SpotLight};
+use render::{Effort, FrameStats, LightReuse, Objects};
+use scene::{
+    Camera, GlossPattern, IndirectBy, LightClues, Method, Mirror, MirrorSurface, Quality, Settings, SpotLight,
+};
 
 use crate::viewer::picture::pace::Spared;
 
@@ -43,6 +45,15 @@ impl FrameRequest {
         summed == asked && !stats.exposure.is_some_and(|exposure| exposure.adapts) || self.hurried
     }
 
+    /// A frame of the same surface, from which points are picked: light by rays, and the samples of glossy mirrors, take up to
+    /// a minute.
+    pub fn surface_alone(&self) -> Self {
+        let mut settings = self.settings.clone();
+        (settings.gi.by, settings.gi.bounces, settings.light.photons) = (IndirectBy::Lights, 0, 0);
+        settings.reflection.method = Method::None;
+        Self { settings, ..self.clone() }
+    }
+
     /// The size in pixels in which the frame is drawn.
     pub fn drawn_size(&self) -> [u32; 2] {
         self.spared.unwrap_or(Spared::NOTHING).size(self.size)
@@ -58,6 +69,21 @@ impl FrameRequest {
 
 /// A point counts as picked within this many pixels of the cursor: a mouse is about as precise as a fingertip.
 const PICK_RADIUS: u32 = 6;
+
+/// A frame for the window, whose exposure and samples are those of a picture at rest.
+pub fn frame_of(request: &FrameRequest) -> render::Frame<'_> {
+    let FrameRequest { camera, settings, mirrors, lights, clues, .. } = request;
+    let effort = Effort {
+        most_points: request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)),
+        most_reflected: request.spared.and_then(|spared| spared.most_reflected),
+        light_may_lag: request.light_may_lag,
+        light_reuse: if request.hurried { LightReuse::Reuse } else { LightReuse::Keep },
+        times_passes: !request.hurried,
+        ..Effort::FULL
+    };
+    let objects = Objects { mirrors, lights, clues: *clues };
+    render::Frame { camera, settings, objects, size: request.drawn_size(), effort }
+}
 
 /// The settings for a hurried frame: one point for each pixel, and mirrors that show no further mirrors. A mirror that
 /// is being dragged is drawn by its formula, because its points are made later.

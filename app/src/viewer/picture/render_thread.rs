@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use cloud::{PointTest, Progress};
-use render::{Effort, FrameStats, Gpu, IsGivenUp, LightReuse, Objects, PictureRows, Renderer};
+use render::{Effort, FrameStats, Gpu, IsGivenUp, Objects, PictureRows, Renderer};
 use scene::Settings;
 use study::{Choice, CostModel, Drawn, Judged, Target, auto};
 use world::{Change, Resident};
@@ -24,7 +24,7 @@ use world::{Change, Resident};
 use crate::overlays;
 use crate::system::picture_file;
 use crate::viewer::picture::beginning::Beginning;
-use crate::viewer::picture::frame_request::{FrameRequest, hurried};
+use crate::viewer::picture::frame_request::{FrameRequest, frame_of, hurried};
 use crate::viewer::picture::judging::{self, MovingJudge};
 use crate::viewer::picture::messages::{Captured, Command, PickedPoint, Picture, Report};
 use crate::viewer::picture::moving::MovingPictures;
@@ -422,7 +422,10 @@ impl Worker {
     fn pick(&mut self, pixel: [u32; 2]) -> render::Result<Option<PickedPoint>> {
         match self.on_screen.clone() {
             Some(request) if !self.moving.is_shown => {
-                self.hold(&request, false)?;
+                // What is left of a frame that was given up for this has no surface.
+                if !self.is_held(&request) {
+                    self.render(&request.surface_alone(), None)?;
+                }
                 let (drawn, radius) = request.picked(pixel);
                 let picked = self.renderer.pick(&self.resident.store, drawn, radius)?;
                 Ok(picked.and_then(|picked| PickedPoint::new(&self.resident, picked)))
@@ -493,6 +496,10 @@ impl Worker {
         first.map_or_else(|| explored.choose(target, &mut hands), Ok)
     }
 
+    fn is_held(&self, request: &FrameRequest) -> bool {
+        self.held.as_ref().is_some_and(|(held, _)| held == request)
+    }
+
     /// Draws a frame unless the renderer holds it, and also its picture if `with_picture` is set.
     fn hold(&mut self, request: &FrameRequest, with_picture: bool) -> render::Result<()> {
         let is_held = |(held, has_picture): &(FrameRequest, bool)| held == request && (*has_picture || !with_picture);
@@ -512,8 +519,9 @@ impl Worker {
         render::Frame { effort, ..frame }
     }
 
-    /// Renders a frame for the window, if `samples` is given: of glossy mirrors, and of rays of light, it adds at most so many to those of the
-    /// frame before, if that was the same, and its exposure follows that of the frame before. Other frames are final.
+    /// Renders a frame for the window, if `samples` is given: of glossy mirrors, and of rays of light, it adds at most so
+    /// many to those of the frame before, if that was the same, and its exposure follows that of the frame before. Other
+    /// frames are final.
     fn render(&mut self, request: &FrameRequest, samples: Option<u32>) -> render::Result<FrameStats> {
         let frame = self.begin(request, samples);
         self.renderer.prepare(&self.resident.store, &frame, &self.shaders)?;
@@ -660,28 +668,13 @@ impl Worker {
 
     /// Draws a frame by the passes of the renderer.
     fn draw_by_passes(&mut self, request: &FrameRequest) -> render::Result<(FrameStats, PictureRows)> {
-        // At rest, the samples of glossy mirrors and the rays of light come in steps that grow, so that the first picture comes soon.
-        let is_same = |(held, _): &&(FrameRequest, bool)| held == request;
-        let summed = if self.held.as_ref().is_some_and(|held| is_same(&held)) { self.summed } else { 0 };
+        // At rest, the samples of glossy mirrors and the rays of light come in steps that grow, so that the first picture
+        // comes soon.
+        let summed = if self.is_held(request) { self.summed } else { 0 };
         let stats = self.render(request, Some(summed.clamp(1, MOST_SAMPLES)))?;
         self.summed = stats.glossy_samples[0].max(stats.light_rays[0]);
         Ok((stats, self.renderer.picture_rows()?))
     }
-}
-
-/// A frame for the window, whose exposure and samples are those of a picture at rest.
-fn frame_of(request: &FrameRequest) -> render::Frame<'_> {
-    let FrameRequest { camera, settings, mirrors, lights, clues, .. } = request;
-    let effort = Effort {
-        most_points: request.spared.map(|spared| spared.most_points.unwrap_or(u64::MAX)),
-        most_reflected: request.spared.and_then(|spared| spared.most_reflected),
-        light_may_lag: request.light_may_lag,
-        light_reuse: if request.hurried { LightReuse::Reuse } else { LightReuse::Keep },
-        times_passes: !request.hurried,
-        ..Effort::FULL
-    };
-    let objects = Objects { mirrors, lights, clues: *clues };
-    render::Frame { camera, settings, objects, size: request.drawn_size(), effort }
 }
 
 /// Gives a frame up once a flag is set.

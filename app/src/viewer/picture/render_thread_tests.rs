@@ -374,6 +374,30 @@ fn a_device_that_is_lost_in_the_middle_of_a_frame_is_opened_again_with_all_point
 }
 
 #[test]
+fn a_pick_during_a_frame_that_was_given_up_draws_the_surface_alone() {
+    let Some(mut worker) = worker() else { return };
+    let cloud = world::CloudKey(0);
+    let points = (0..4096).map(|i| [(i % 64) as f32 / 32.0 - 1.0, 2.0, (i / 64) as f32 / 32.0 - 1.0]).collect();
+    let chunk = cloud::Chunk::new(0, DVec3::ZERO, points);
+    let key = cloud.chunk(world::Part::Block(0));
+    worker.resident.apply(Change::Open { cloud, provisional_radius: 0.05 }).unwrap();
+    worker.resident.apply(Change::Put { key, chunk, layout: Arc::default() }).unwrap();
+    let mut request = request([48, 36]);
+    (request.settings.gloss.samples, request.settings.gi.by) = (7, scene::IndirectBy::Rays);
+    (request.mirrors[0].specular_power, request.mirrors[0].position) = (20.0, DVec3::new(2.0, 2.0, 0.0));
+    worker.draw((*request).clone(), Instant::now()).unwrap();
+    let picked = worker.pick([24, 18]).unwrap();
+    assert!(picked.is_some() && worker.is_held(&request), "a frame that is held is not drawn again");
+    // The next samples are begun, and given up because a button is pressed.
+    worker.begin(&request, Some(1));
+    let again = worker.pick([24, 18]).unwrap();
+    assert_eq!(again.map(|point| (point.chunk, point.index)), picked.map(|point| (point.chunk, point.index)));
+    let (drawn, _) = worker.held.clone().unwrap();
+    assert_eq!((drawn.settings.reflection.method, drawn.settings.gi.bounces), (scene::Method::None, 0));
+    assert_eq!(worker.on_screen.as_ref(), Some(&*request), "the picture on the screen stays");
+}
+
+#[test]
 fn a_pick_is_answered_where_the_device_is_lost() {
     let (Some(window_gpu), Some(gpu)) = (own_device(), own_device()) else { return };
     let mut worker = Worker::new(gpu, window_gpu, Arc::default(), &channel().1, &|_| {}).unwrap().0;
