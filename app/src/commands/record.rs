@@ -358,7 +358,7 @@ impl Recording<'_> {
                 let warning = if recorder.hides_all() {
                     subject::ALL_HIDDEN.to_owned()
                 } else {
-                    format!("frame {frame}: the picture is empty, the camera looks past all points")
+                    format!("frame {frame}: the picture is empty: no point that is shown lies before the camera")
                 };
                 bar.suspend(|| terminal::warn([warning]));
             }

@@ -107,7 +107,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<u8> {
     }
     let depth = renderer.read_aov(Aov::Depth)?.data;
     if depth.iter().all(|depth| depth.is_nan()) {
-        terminal::warn(["the picture is empty, the camera looks past all points"]);
+        terminal::warn(["the picture is empty: no point that is shown lies before the camera"]);
     }
     let estimate = match arguments.estimate {
         true => estimate(&subject, &settings, arguments.size, &mut renderer)?,
@@ -178,7 +178,7 @@ fn at_time(
     let picture = recorder.picture(time, &aovs, &bar)?;
     bar.end();
     if recorder.is_empty() {
-        terminal::warn(["the picture is empty, the camera looks past all points"]);
+        terminal::warn(["the picture is empty: no point that is shown lies before the camera"]);
     }
     picture_file::write_png(&arguments.output, arguments.size, &picture.rgba, Some(&adapter))?;
     picture_file::warn_of_origin(aovs.iter().map(|aov| aov.name()), picture_file::origin(&picture.camera));
