@@ -1,7 +1,6 @@
 //! Handles Ctrl-C, and the signals by which a terminal that is closed or another program ends this one: asks the work
 //! under way to stop and to remove what it has begun, and ends the program with an exit status of its own.
 
-use std::io::Write as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
@@ -9,7 +8,7 @@ use std::time::Duration;
 use cloud::Progress;
 
 use crate::system::failure::{INTERRUPTED, Interrupted};
-use crate::system::terminal::complain;
+use crate::system::terminal::{self, complain};
 
 /// The exit status that the program shall end with; 0 until it is asked to.
 static WANTED: AtomicU8 = AtomicU8::new(0);
@@ -92,8 +91,7 @@ fn end() -> ! {
 /// Ends the program at once with an exit status. Threads that still compile shaders are left where they are: what a driver
 /// takes down on a usual end of a program (LLVM's tables, with software Vulkan) is still used by them, and they crash.
 pub fn leave(status: u8) -> ! {
-    // Nobody is left to be told of a failure.
-    let _ = std::io::stdout().flush();
+    terminal::flush();
     #[cfg(unix)]
     signal_hook::low_level::exit(i32::from(status));
     #[cfg(not(unix))]
