@@ -529,24 +529,31 @@ fn tracks_and_states_of_a_wipe_add_their_exposure_to_the_one_that_fits() {
     };
     let own_locked = "\"tone.fit\" = \"locked\", \"tone.exposure\" = -1.0";
     for light in ["auto", "sun"] {
-        for (more, time, own) in [
-            (track.to_owned(), "0", "--set tone.exposure=0.5"),
-            (track.to_owned(), "0.75", "--set tone.exposure=-1"),
-            (states("\"tone.exposure\" = -1.0"), "0.5", "--set tone.exposure=-1"),
-            (states(own_locked), "0.5", "--set tone.fit=locked --set tone.exposure=-1"),
+        folder.write("a.toml", scene(light, ""));
+        let stills =
+            ["tone.exposure=0", "tone.exposure=0.5", "tone.exposure=-1", "tone.exposure=-1 --set tone.fit=locked"];
+        let [Some(plain), Some(brighter), Some(darker), Some(locked)] =
+            stills.map(|own| render(&format!("--set {own}")))
+        else {
+            return;
+        };
+        assert!([&brighter, &darker, &locked].iter().all(|own| **own != plain), "an exposure shows nothing");
+        for (more, time, set) in [
+            (track.to_owned(), "0", &brighter),
+            (track.to_owned(), "0.75", &darker),
+            (states("\"tone.exposure\" = -1.0"), "0.5", &darker),
+            (states(own_locked), "0.5", &locked),
         ] {
             folder.write("a.toml", scene(light, &more));
             let Some(made) = render(&format!("--path still --time {time}")) else { return };
-            let (Some(plain), Some(set)) = (render("--set tone.exposure=0"), render(own)) else { return };
-            assert!(plain != set, "{own} shows nothing");
             let left = if more.starts_with("[[paths.states]]") { 48 } else { 0 };
             // The stops are sums, which round.
             let is_off = |(x, y, pixel): (u32, u32, &image::Rgba<u8>)| {
-                let expected = if x < left { &plain } else { &set }.get_pixel(x, y);
+                let expected = if x < left { &plain } else { set }.get_pixel(x, y);
                 pixel.0.iter().zip(expected.0).any(|(value, expected)| value.abs_diff(expected) > 1)
             };
             let off = made.enumerate_pixels().filter(|pixel| is_off(*pixel)).count();
-            assert_eq!(off, 0, "{light}, {own}: pixels of another brightness");
+            assert_eq!(off, 0, "{light}, at {time} of {more}: pixels of another brightness");
         }
     }
 }
