@@ -172,7 +172,8 @@ fn watch(program: &mut Child, limit: Duration) -> (Option<std::process::ExitStat
             program.wait().expect("a child can be waited for");
             return (None, peak_memory);
         }
-        std::thread::sleep(Duration::from_millis(2));
+        // Each look at a process takes a part of a millisecond of a processor.
+        std::thread::sleep(Duration::from_millis(10));
     }
 }
 
