@@ -4,8 +4,8 @@
 use image::RgbaImage;
 use tests::{Session, Window, test_data};
 
-/// On a wall in the picture, right of the panel and beside the symbol of the guessed lamp.
-const WALL: [i32; 2] = [680, 440];
+/// On the scan in the picture, right of the panel.
+const PLACE: [i32; 2] = [680, 440];
 
 /// Waits until the picture is final after the first `seen` events, saves it and reads it.
 fn saved(session: &Session, window: &Window, seen: usize) -> RgbaImage {
@@ -20,7 +20,7 @@ fn saved(session: &Session, window: &Window, seen: usize) -> RgbaImage {
 #[test]
 fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
     let Some(data) = test_data() else { return };
-    let scan = data.join("terrestrial/indoor_building_norgb_las12_pf3.laz");
+    let scan = data.join("airborne/autzen_trim_las12_pf3.laz");
     let session = Session::start();
     let arguments = ["view", scan.to_str().expect("text"), "--camera", "top", "--set", "light.by=headlight"];
     let window = session.open(arguments);
@@ -34,7 +34,7 @@ fn a_box_about_a_pick_and_a_prism_clip_a_scan_are_saved_and_undone() {
     assert!(top == whole, "`view --camera top --set` shows another picture than `render`");
 
     let seen = window.events().len();
-    window.click(1, WALL);
+    window.click(1, PLACE);
     window.wait_for_event("picked", seen, |_| true);
     window.press("j");
     window.wait_for_event("clip", seen, |event| event["name"] == "box");

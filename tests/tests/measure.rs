@@ -270,14 +270,14 @@ fn measured(window: &Window, key: &str, at: &[[i32; 2]], end: &str) -> Value {
 #[test]
 fn every_tool_of_the_window_measures_a_scan_as_the_command_line_does_from_the_saved_scene() {
     let Some(data) = test_data() else { return };
-    let scan = data.join("terrestrial/indoor_building_norgb_las12_pf3.laz");
+    let scan = data.join("airborne/autzen_trim_las12_pf3.laz");
     let session = Session::start();
     let scan = scan.to_str().expect("text");
     let window = session.open(["view", scan, "--camera", "top", "--set", "light.by=headlight"]);
     window.wait_for_event("settled", 0, |_| true);
     let seen = window.events().len();
     window.wait_until_painted("settled", 0);
-    // On the building as it is seen from above, right of the panel.
+    // On the scan as it is seen from above, right of the panel.
     let places = [[680, 440], [720, 440], [700, 480], [660, 500], [690, 410]];
     let tools = [
         ("alt+1", 1, "", "point"),
