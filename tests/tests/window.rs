@@ -9,8 +9,15 @@ use tests::{Session, Window, colors};
 const SMALL_SCENE: &str =
     "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"scene.points\" = 20000\n\"gi.vpls\" = 16\n";
 
+/// The points of `SMALL_SCENE` in their own colours, for what has nothing to do with light.
+const UNLIT_SCENE: &str =
+    "clouds = [\"five-mirrors/sphere\"]\n[parameters]\n\"scene.points\" = 20000\n\"light.by\" = \"colors\"\n";
+
 /// Opens `lattice.ply` with few virtual lights.
 const LATTICE: [&str; 6] = ["view", "lattice.ply", "--set", "gi.vpls=16", "--set", "gi.sky_lights=8"];
+
+/// Opens `lattice.ply` in its own colours.
+const UNLIT_LATTICE: [&str; 4] = ["view", "lattice.ply", "--set", "light.by=colors"];
 
 /// Somewhere on the picture, right of the panel.
 const MIDDLE: [i32; 2] = [790, 380];
@@ -72,7 +79,7 @@ fn number(event: &Value, path: &str) -> f64 {
 #[test]
 fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
     let session = Session::start();
-    session.folder.write("small.toml", SMALL_SCENE);
+    session.folder.write("small.toml", UNLIT_SCENE);
     let window = session.open(["small.toml"]);
     let loaded = window.wait_for_event("loaded", 0, |_| true);
     assert_eq!(number(&loaded, "/points"), 20_000.0);
@@ -92,7 +99,7 @@ fn a_scene_named_as_argument_is_shown_and_turns_with_the_mouse() {
 #[test]
 fn a_window_whose_device_is_lost_has_another_one_with_the_same_picture_and_all_that_was_done() {
     let session = Session::start();
-    session.folder.write("small.toml", SMALL_SCENE);
+    session.folder.write("small.toml", UNLIT_SCENE);
     let expected = {
         let window = session.open(["small.toml"]);
         view(&window.settled(0))
@@ -135,7 +142,7 @@ fn a_path_that_is_typed_is_opened_where_no_dialog_answers() {
 fn clicks_give_full_coordinates_attributes_and_the_distance() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());
-    let window = session.open(LATTICE);
+    let window = session.open(UNLIT_LATTICE);
     window.settled(0);
     // From above, so that the middle of the picture is the middle of the lattice.
     let seen = window.events().len();
@@ -179,7 +186,7 @@ fn clicks_give_full_coordinates_attributes_and_the_distance() {
 fn the_number_row_changes_the_colours() {
     let session = Session::start();
     session.folder.write("lattice.ply", lattice());
-    let window = session.open(LATTICE);
+    let window = session.open(UNLIT_LATTICE);
     let intensity = view(&window.settled(0));
     let seen = window.events().len();
     window.press("2");
@@ -264,7 +271,7 @@ fn red_arrow(picture: &RgbaImage) -> Option<[i32; 2]> {
 #[test]
 fn a_mirror_is_added_moved_undone_saved_and_rendered_from_its_file() {
     let session = Session::start();
-    session.folder.write("box.toml", SMALL_SCENE.replace("sphere", "none"));
+    session.folder.write("box.toml", UNLIT_SCENE.replace("sphere", "none"));
     let window = session.open(["box.toml"]);
     window.settled(0);
     let seen = window.events().len();
@@ -347,7 +354,7 @@ fn a_spot_at_the_camera_is_one_key_lights_the_scene_and_is_undone() {
 #[test]
 fn unsaved_work_comes_back_after_a_crash_and_is_asked_for_before_the_window_closes() {
     let session = Session::start();
-    session.folder.write("small.toml", SMALL_SCENE);
+    session.folder.write("small.toml", UNLIT_SCENE);
     let window = session.open(["small.toml"]);
     window.wait_for_event("settled", 0, |_| true);
     window.press("b");

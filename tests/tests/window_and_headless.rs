@@ -74,10 +74,10 @@ fn compare(session: &Session, scene: &str) -> serde_json::Value {
 #[test]
 fn a_room_with_the_lamp_that_it_gets_is_the_same_in_the_window_and_without_one() {
     let session = Session::start();
-    session.folder.write("room.ply", room(300_000));
+    session.folder.write("room.ply", room(100_000));
     session.folder.write("hidden.ply", hills(3000));
     let scene = "clouds = [\"hidden.ply\", \"room.ply\"]\n[camera]\neye = [1.0, 1.0, 1.7]\npivot = [5.0, 4.0, 1.2]\n\
-                 up = [0.0, 0.0, 1.0]\n[parameters]\n\"gi.vpls\" = 64\n\
+                 up = [0.0, 0.0, 1.0]\n[parameters]\n\"gi.vpls\" = 16\n\
                  [[cloud_settings]]\ncloud = \"hidden.ply\"\non = false\n\
                  [[cloud_settings]]\ncloud = \"room.ply\"\nsize = 1.3\ncolor = { by = \"height\", ramp = \"magma\" }\n\
                  turn = [0.0, 0.0, 3.0]\nabout = [5.0, 4.0, 0.0]\nmove = [0.1, 0.0, 0.02]\n\
@@ -90,10 +90,10 @@ fn a_room_with_the_lamp_that_it_gets_is_the_same_in_the_window_and_without_one()
 #[test]
 fn a_streamed_cloud_of_which_a_class_is_hidden_is_the_same_in_the_window_and_without_one() {
     let session = Session::start();
-    session.folder.write("hills.ply", hills(400_000));
+    session.folder.write("hills.ply", hills(250_000));
     let scene = "clouds = [\"hills.ply\"]\n[camera]\neye = [20.0, -30.0, 40.0]\npivot = [50.0, 40.0, 0.0]\n\
-                 up = [0.0, 0.0, 1.0]\n[parameters]\n\"stream.pages\" = \"always\"\n\"view.point_budget\" = 150000\n\
-                 \"gi.vpls\" = 64\n[visibility]\nhidden_classes = [7]\n\
+                 up = [0.0, 0.0, 1.0]\n[parameters]\n\"stream.pages\" = \"always\"\n\"view.point_budget\" = 100000\n\
+                 \"gi.vpls\" = 16\n[visibility]\nhidden_classes = [7]\n\
                  [[cloud_settings]]\ncloud = \"hills.ply\"\nsize = 1.3\ncolor = { by = \"normal\" }\n\
                  turn = [0.0, 2.0, 30.0]\nabout = [50.0, 50.0, 0.0]\nmove = [0.0, 5.0, 0.0]\n";
     session.folder.write("hills.toml", scene);
