@@ -376,7 +376,7 @@ fn scans_come_back_node_by_node_as_they_were() {
     let names = [
         "airborne/ign_france_lidarhd_las14_pf8_extrabytes.laz",
         "airborne/autzen_trim_las12_pf3.las",
-        "copc/lone_star_las14_pf6.copc.laz",
+        "copc/ellipsoid_las14_pf7.copc.laz",
         "las_matrix/las12_pf2_color.las",
     ];
     let folder = tempfile::tempdir().unwrap();
