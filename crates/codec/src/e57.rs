@@ -15,6 +15,7 @@ use e57::{DateTime, E57Reader, PointCloud, Projection, Transform};
 use glam::{DQuat, DVec3};
 
 use crate::bytes::Bytes;
+use crate::error::AS_BEFORE;
 use crate::format::Format;
 use crate::info::{Image, Info, Scan};
 use crate::ply::header::{Element, Kind};
@@ -25,6 +26,7 @@ use crate::units::{Unit, Units, wkt};
 use crate::{Error, Result};
 use layout::{Layout, Origin, Stored, name_of};
 use packets::{Bits, Packets};
+use pages::physical;
 
 /// The longest description that is read: a thousand scans have some megabytes, and its tree takes ten times as much.
 const MOST_DESCRIPTION: u64 = 16 << 20;
@@ -38,11 +40,30 @@ pub fn is_e57(start: &[u8]) -> bool {
     start.starts_with(b"ASTM-E57")
 }
 
-/// Opens all scans of a file that can be read; the first of them has what is wrong with the others.
+/// Opens all scans of a file that can be read; the first of them has what is wrong with the others. Where scans or points
+/// are lost, what a server has sent is fetched once more.
 ///
 /// # Errors
 /// If its description cannot be read, it has no scans, or none of them can be read.
 pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
+    let (mut sources, mut lost) = open_once(file)?;
+    let is_damaged = |source: &RowSource| source.info.missing > 0;
+    let is_doubtful = !lost.is_empty() || sources.iter().any(is_damaged);
+    if is_doubtful && file.is_short_remote() && file.fetch_again(0..file.length()) {
+        file.fetch_all()?;
+        (sources, lost) = open_once(file)?;
+        lost = lost.into_iter().map(Error::same_again).collect();
+        let damaged = sources.iter_mut().filter(|source| is_damaged(source));
+        damaged.filter_map(|source| source.info.warnings.first_mut()).for_each(|told| told.push_str(AS_BEFORE));
+    }
+    if let Some(first) = sources.first_mut() {
+        first.lose(lost.iter().map(Error::to_string).collect());
+    }
+    Ok(sources)
+}
+
+/// Opens all scans of a file that can be read, of which there is at least one. Returns what is wrong with the others, too.
+fn open_once(file: &Arc<Bytes>) -> Result<(Vec<RowSource>, Vec<Error>)> {
     let path = file.path().to_owned();
     let fail = |place: &str, problem: String| Error::malformed(&path, place, problem);
     let words: [u8; 48] = file
@@ -85,11 +106,10 @@ pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
             Err(error) => lost.push(error),
         }
     }
-    match sources.first_mut() {
-        Some(first) => first.lose(lost.iter().map(Error::to_string).collect()),
-        None => lost.into_iter().next().map_or(Ok(()), Err)?,
+    if sources.is_empty() && !lost.is_empty() {
+        return Err(lost.swap_remove(0));
     }
-    Ok(sources)
+    Ok((sources, lost))
 }
 
 fn open_scan(
@@ -275,7 +295,16 @@ impl RowMaker for Maker {
     fn make(&self, file: &Bytes, block: Block, keep: &[bool], give: &mut dyn FnMut(&[u8])) -> io::Result<(u64, u64)> {
         let layout = &self.layout;
         let needed = self.needed(keep);
-        let streams = self.packets.streams(file, block, &needed)?;
+        let streams = match self.packets.streams(file, block, &needed) {
+            // What a server has sent may have been damaged on its way.
+            Err(error)
+                if error.kind() == io::ErrorKind::InvalidData
+                    && file.fetch_again(physical(block.offset..block.end)) =>
+            {
+                self.packets.streams(file, block, &needed)
+            }
+            streams => streams,
+        }?;
         let kept: Vec<(usize, usize)> = {
             let properties = layout.element.properties.iter().zip(keep).enumerate().filter(|(_, (_, keep))| **keep);
             properties

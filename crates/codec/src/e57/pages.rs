@@ -2,6 +2,7 @@
 //! in the file physical.
 
 use std::io;
+use std::ops::Range;
 
 use crate::bytes::Bytes;
 
@@ -11,6 +12,12 @@ const CONTENT_BYTES: u64 = PAGE_BYTES - 4;
 /// The logical place of a physical one. One inside of a checksum is taken for the end of its page.
 pub fn logical(physical: u64) -> u64 {
     physical / PAGE_BYTES * CONTENT_BYTES + (physical % PAGE_BYTES).min(CONTENT_BYTES)
+}
+
+/// The bytes of the file whose pages have the content of a range of logical places.
+pub fn physical(content: Range<u64>) -> Range<u64> {
+    let page = |number: u64| number.saturating_mul(PAGE_BYTES);
+    page(content.start / CONTENT_BYTES)..page(content.end.div_ceil(CONTENT_BYTES))
 }
 
 /// Reads content, with checksums verified.
@@ -129,5 +136,6 @@ mod tests {
     #[test]
     fn places_in_the_content_leave_checksums_out() {
         assert_eq!([0, 48, 1019, 1024, 2053].map(logical), [0, 48, 1019, 1020, 2045]);
+        assert_eq!([physical(0..1020), physical(1019..1021), physical(2045..2045)], [0..1024, 0..2048, 2048..3072]);
     }
 }
