@@ -190,13 +190,15 @@ impl RowSource {
     /// the world often leaves the pose of the scanner empty. Another place has moved the points, or was written down.
     pub fn doubting_scanner(mut self) -> Self {
         let Some(place) = self.info.scanner().filter(|place| *place == DVec3::ZERO) else { return self };
-        let doubt = |sample: fn(&Bytes, &Rows, &Packing<'_>) -> std::io::Result<Vec<u8>>| {
+        let reaches = |sample: fn(&Bytes, &Rows, &Packing<'_>) -> std::io::Result<Vec<u8>>| {
             let bounds = self.sampled_bounds(place, sample)?;
-            let (reach, distance) = (bounds.size().length(), place.distance(place.clamp(bounds.min, bounds.max)));
-            (distance > FARTHEST_SCANNER * reach).then_some([distance, reach])
+            Some([place.distance(place.clamp(bounds.min, bounds.max)), bounds.size().length()])
         };
-        // The first rows of blocks may lie side by side, so whole blocks decide what these leave in doubt.
-        if let Some([distance, reach]) = doubt(rows::sample).and_then(|_| doubt(rows::thorough_sample)) {
+        let is_far = |[distance, reach]: &[f64; 2]| *distance > FARTHEST_SCANNER * reach;
+        // The first rows of blocks may lie side by side, or have no places, so whole blocks decide what these leave in doubt.
+        let first = reaches(rows::sample);
+        let all = if first.as_ref().is_none_or(is_far) { reaches(rows::thorough_sample) } else { first };
+        if let Some([distance, reach]) = all.filter(is_far) {
             self.info.warnings.push(format!(
                 "the scanner stood at 0 0 0 by the file, {distance:.0} away from points that reach over {reach:.2}: its \
                  place is taken as unknown"

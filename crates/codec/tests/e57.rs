@@ -297,8 +297,19 @@ fn a_pose_that_was_left_empty_beside_coordinates_of_the_world_is_no_place_of_a_s
         let aside = (0..1500).map(|at| numbers([3.0, 1e-4 * f64::from(at), 0.0]));
         aside.chain((0..10).flat_map(|_| room(DVec3::ZERO))).collect()
     };
+    // So many that a sample of the first points has none with a place.
+    let begins_empty = |middle: DVec3| {
+        let in_state = |state: i64, points: Vec<Vec<RecordValue>>| {
+            let with = move |point: Vec<RecordValue>| [point, vec![RecordValue::Integer(state)]].concat();
+            points.into_iter().map(with)
+        };
+        let empty = (0..3000).map(|_| numbers([0.0; 3])).collect();
+        in_state(2, empty).chain(in_state(0, room(middle))).collect()
+    };
     let cases = [
         (axes(), Some(none.clone()), begins_aside(), own),
+        ([axes(), vec![INVALID]].concat(), Some(none.clone()), begins_empty(world), None),
+        ([axes(), vec![INVALID]].concat(), Some(none.clone()), begins_empty(DVec3::ZERO), own),
         (axes(), Some(none.clone()), room(world), None),
         ([axes(), grid.to_vec()].concat(), None, in_grid(world), None),
         (axes(), Some(none.clone()), room(DVec3::ZERO), own),
