@@ -39,21 +39,21 @@ impl Address {
         if authority.contains('@') {
             return Err("a password in an address is not sent; GLINT_AUTHORIZATION or --authorization takes it".into());
         }
-        if authority.is_empty() || authority.contains(|c: char| c.is_whitespace() || c.is_control() || c == '\\') {
+        // The colons of an IPv6 address stand in brackets.
+        let with_port = authority.rsplit_once(':').filter(|(_, port)| !port.ends_with(']'));
+        let (host, port) = with_port.unwrap_or((authority, ""));
+        if host.is_empty() || host.contains(|c: char| c.is_whitespace() || c.is_control() || c == '\\') {
             return Err("an address without a host".into());
         }
-        // The colons of an IPv6 address stand in brackets.
-        let port = authority.rsplit_once(':').map(|(_, port)| port).filter(|port| !port.ends_with(']'));
         let is_port = |port: &str| {
             port.bytes().all(|byte| byte.is_ascii_digit()) && port.parse::<u16>().is_ok_and(|port| port > 0)
         };
-        if let Some(port) = port.filter(|port| !is_port(port)) {
+        if !port.is_empty() && !is_port(port) {
             return Err(format!("`{}` is no port, which is a number from 1 to 65535", crate::brief::brief(port)));
         }
-        // The port of the scheme is the one without a port.
+        // The port of the scheme is the one without a port, or with an empty one.
         let usual = if is_secure { 443 } else { 80 };
-        let is_usual = port.is_some_and(|port| port.parse() == Ok(usual));
-        let authority = authority.rsplit_once(':').filter(|_| is_usual).map_or(authority, |(host, _)| host);
+        let authority = if port.is_empty() || port.parse() == Ok(usual) { host } else { authority };
         let (path, query) = rest.split_at(rest.find('?').unwrap_or(rest.len()));
         let path = if path.is_empty() { "/" } else { path };
         let (path, query) = (encoded(path), encoded(query));
@@ -192,6 +192,8 @@ mod tests {
         for (text, authority) in [
             ("http://[::1]/a", "[::1]"),
             ("http://[::1]:80/a", "[::1]"),
+            ("http://[::1]:/a", "[::1]"),
+            ("http://a:/b", "a"),
             ("http://a:80/b", "a"),
             ("https://a:443", "a"),
             ("https://a:80/b", "a:80"),
@@ -207,7 +209,8 @@ mod tests {
             "https://a b/c",
             "http://a:99999/b",
             "http://a:0/b",
-            "http://a:/b",
+            "http://:80/b",
+            "http://:/b",
             "http://a:+80/b",
             "http://[::1]:port/b",
         ] {
