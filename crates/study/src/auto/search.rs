@@ -39,7 +39,7 @@ fn telling(times: &[f64], expected: f64) -> Option<usize> {
 }
 
 /// Times of methods agree if they differ by no more than a fifth and this share of a fifth of the frame.
-const SMALL: f64 = 0.25;
+const SMALL_SHARE: f64 = 0.25;
 
 /// What the cost model knows of a change before it is tried: the milliseconds of the passes of its method and of those of
 /// the exact one, and whether it knows the whole frame.
@@ -224,7 +224,7 @@ impl Search<'_, '_, '_> {
         let mut stats = match is_of_method {
             true => {
                 // A difference that is small beside the frame decides nothing.
-                let small = SMALL * unchanged.passes.iter().map(|pass| pass.milliseconds).sum::<f64>();
+                let small = SMALL_SHARE * unchanged.passes.iter().map(|pass| pass.milliseconds).sum::<f64>();
                 let of_method = |stats: &FrameStats| small + PassTime::of_stage(&stats.passes, PassStage::Method);
                 self.told(draw, of_method, (|_: &FrameStats| small + known.own, small + known.exact))?
             }

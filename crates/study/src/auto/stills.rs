@@ -6,7 +6,7 @@ use super::changes::METHOD;
 use crate::still::{STILL_LIGHTS, judging_settings};
 
 /// The most pixels of the small pictures by which single changes are judged.
-const SMALL: f64 = 320.0 * 240.0;
+const SMALL_PIXELS: f64 = 320.0 * 240.0;
 
 /// `gi.interleave` of still pictures larger than that: each of 3 x 3 pixels is lit by its own ninth of the lights, for a
 /// fraction of the time. Edges, where that shows, are few in large pictures; and settings to choose from have other
@@ -38,7 +38,7 @@ impl Stills {
 
 /// The size of small pictures of a view.
 pub fn small_size(size: [u32; 2]) -> [u32; 2] {
-    let share = (SMALL / size.map(f64::from).iter().product::<f64>()).sqrt().min(1.0);
+    let share = (SMALL_PIXELS / size.map(f64::from).iter().product::<f64>()).sqrt().min(1.0);
     size.map(|side| ((f64::from(side) * share).round() as u32).max(1))
 }
 
