@@ -110,6 +110,36 @@ fn only_changes_that_may_be_chosen_are_tried_by_what_views_before_had() {
 }
 
 #[test]
+fn large_still_pictures_share_their_lights_among_pixels_and_small_ones_do_not() {
+    let Some((subject, mut renderer)) = scene() else { return };
+    let mut settings = Settings::default();
+    (settings.gi.bounces, settings.gi.vpls, settings.gi.sky_lights, settings.gi.shadow_points) = (1, 16, 16, 256);
+    settings.view.resolution = 0.5;
+    let fixed = ["splat.step", "splat.quality", "reflection.method", "reflection.bounces", "gi.bounces"];
+    let mut drawn = Vec::new();
+    let mut draw = |renderer: &mut Renderer, settings: &Settings, size| {
+        drawn.push((settings.clone(), size));
+        Ok(subject.render_next(renderer, settings, size)?)
+    };
+    let (mut model, view) = (CostModel::default(), (&subject.camera, [324, 244]));
+    let mut hands = Hands { renderer: &mut renderer, draw: &mut draw, model: &mut model };
+    let choice = choose(Target::DeltaE(90.0), &settings, &fixed.map(str::to_owned), view, &mut hands).unwrap();
+    assert!(choice.errors.is_some(), "{choice:?}");
+    // Only the still pictures have as many lights of the sky.
+    let stills: Vec<_> = drawn.iter().filter(|(settings, _)| settings.gi.sky_lights > 16).collect();
+    let [(small, small_size), (whole, whole_size)] = stills[..] else { panic!("{} still pictures", stills.len()) };
+    assert_eq!((*small_size, *whole_size), ([319, 240], [324, 244]));
+    let mut expected = study::still_settings(&settings);
+    expected.mirror.surface = scene::MirrorSurface::Exact;
+    assert!(expected == *small, "a small one has all lights on each pixel");
+    let gi = &small.gi;
+    assert_eq!((gi.vpls, gi.sky_lights, gi.interleave, small.view.resolution), (1024, 1024, 1, 1.0));
+    assert_eq!((small.reflection.method, small.mirror.surface), (Method::SurfelTrace, scene::MirrorSurface::Exact));
+    expected.gi.interleave = 3;
+    assert!(expected == *whole, "a large one differs in that alone");
+}
+
+#[test]
 fn frames_that_other_work_disturbed_decide_nothing() {
     let Some((subject, mut renderer)) = scene() else { return };
     let mut known = CostModel::default();
