@@ -177,8 +177,9 @@ impl GhostWork {
             }
             GhostTask::PutBack { sources, verdicts, output } => {
                 let result = ghosts::write(&sources, &verdicts, &output, true, memory, &progress);
+                let lost = world::lost_tiles(&sources).cloned();
                 let told = |(warnings, missing): (Vec<String>, u64)| {
-                    warnings.into_iter().chain(lack(&output, missing)).collect::<Vec<_>>()
+                    warnings.into_iter().chain(lost).chain(lack(&output, missing)).collect::<Vec<_>>()
                 };
                 let result = result.map(|written| written.map(told)).map_err(|error| format!("{error:#}"));
                 // Whoever waits for the end of the work waits for the file to be gone, or whole.
