@@ -207,7 +207,8 @@ pub fn of_corners(kind: MeasurementKind, corners: &[DVec3], up: DVec3) -> Vec<Fi
 }
 
 /// Carries out a measurement on the shown points of clouds in memory, which come with the parts that their chunks are. A fit
-/// or a volume where a cloud has more points, which are not loaded, has no deviations.
+/// or a volume where a cloud has more points, which are not loaded, has no deviations, and says why it fails as of the loaded
+/// points.
 pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: Vec<(Cloud, LoadedParts)>, test: &PointTest) -> Outcome {
     let bounds = |loaded: &LoadedParts| loaded.parts.iter().map(|(_, bounds)| *bounds).collect();
     let (clouds, loaded): (Vec<_>, Vec<LoadedParts>) =
@@ -219,8 +220,12 @@ pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: Vec<(Cloud, Loade
         loaded.lack(&|own| is_wanted(placed(own)))
     };
     let is_thinned = Gathering::is_large(measurement.kind) && loaded.iter().any(lacks);
-    let figures = gathering.finish()?;
-    Ok(if is_thinned { figures.into_iter().map(Figure::of_loaded).collect() } else { figures })
+    let outcome = gathering.finish();
+    if !is_thinned {
+        return outcome;
+    }
+    let of_loaded = |figures: Vec<Figure>| figures.into_iter().map(Figure::of_loaded).collect();
+    outcome.map(of_loaded).map_err(|problem| format!("of the loaded points: {problem}"))
 }
 
 fn gathered(measurement: &Measurement, up: DVec3, clouds: &[(Cloud, Vec<Bounds>)], test: &PointTest) -> Gathering {

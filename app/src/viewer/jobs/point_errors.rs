@@ -130,16 +130,24 @@ mod tests {
             let loaded = LoadedParts { parts, streamed: Some(octree.cloned()), placement: None };
             let chunks = nodes.iter().map(|node| chunks[*node].clone()).collect();
             let clouds = vec![(Cloud { chunks, ..Cloud::default() }, loaded)];
-            measuring::of_clouds(&measurement, DVec3::Z, clouds, &PointTest::default()).expect("figures")
+            measuring::of_clouds(&measurement, DVec3::Z, clouds, &PointTest::default())
         };
         let has_interval = |figures: &[Figure]| figures.iter().any(|figure| figure.deviation.is_some());
         let is_told = |figures: &[Figure]| figures.iter().any(|figure| figure.name == LOADED_POINTS);
         for kind in [MeasurementKind::Plane, MeasurementKind::Volume] {
-            let whole = figures(kind, [0.4, 0.2], &[0, 1], Some(&tree));
+            let whole = figures(kind, [0.4, 0.2], &[0, 1], Some(&tree)).expect("figures");
             assert!(has_interval(&whole) && !is_told(&whole), "{kind:?}: all points within reach are there: {whole:?}");
             for thinned in [figures(kind, [1.4, 0.6], &[0, 1], Some(&tree)), figures(kind, [0.6, 0.6], &[0], None)] {
+                let thinned = thinned.expect("figures");
                 assert!(!has_interval(&thinned) && is_told(&thinned), "{kind:?}: {thinned:?}");
             }
         }
+        // The points of the root are 0.5 apart along x, all of them 0.05.
+        let problem = |[x, reach]: [f64; 2], nodes: &[usize]| {
+            figures(MeasurementKind::Volume, [x, reach], nodes, Some(&tree)).expect_err("no points there")
+        };
+        let told = "no points lie above or below its corners";
+        assert_eq!(problem([0.25, 0.15], &[0]), format!("of the loaded points: {told}"));
+        assert_eq!(problem([0.025, 0.015], &[0, 1, 2]), told);
     }
 }
