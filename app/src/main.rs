@@ -121,11 +121,13 @@ fn use_network(authorization: Option<String>) -> anyhow::Result<()> {
             return Err(failure::usage(format!("{SERVERS}: `{}`: {problem}", scene::shown(Path::new(server)))));
         }
     }
-    network.watch = Box::new(|address, done, total| {
-        let goes_on = progress_bar::fetched(done, total);
-        fetching::note(address, done, total) && goes_on
+    network.watch = Box::new(|address, bytes| {
+        let is_wanted = bytes.is_none_or(|(done, total)| {
+            progress_bar::fetched(done, total);
+            fetching::note(address, done, total)
+        });
+        is_wanted && !interrupt::is_wanted()
     });
-    network.stops = interrupt::is_wanted;
     codec::use_network(network).map_err(|problem| failure::usage(format!("--authorization: {problem}")))
 }
 

@@ -135,15 +135,14 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// Shows how much of a file was fetched from its address. Returns whether to go on.
-pub fn fetched(done: u64, total: u64) -> bool {
+/// Shows how much of a file was fetched from its address.
+pub fn fetched(done: u64, total: u64) {
     static BAR: Mutex<Option<Bar>> = Mutex::new(None);
     let mut bar = BAR.lock().unwrap_or_else(PoisonError::into_inner);
     bar.get_or_insert_with(|| Bar::bytes("fetching")).set(done, total);
     if done >= total {
         bar.take().iter().for_each(Bar::end);
     }
-    !interrupt::is_wanted()
 }
 
 /// Runs `work` on this thread and shows `progress` while it runs. Ctrl-C cancels it.

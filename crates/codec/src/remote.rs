@@ -124,11 +124,11 @@ impl Remote {
                 let has_waited = Cell::new(false);
                 let goes_on = || {
                     has_waited.set(true);
-                    (network().watch)(path, 0, 1)
+                    (network().watch)(path, Some((0, 1)))
                 };
                 let first = request::first(&address, most, known.as_ref(), &goes_on);
                 if has_waited.get() {
-                    (network().watch)(path, 1, 1);
+                    (network().watch)(path, Some((1, 1)));
                 }
                 first.map_err(io::Error::other)?
             }
@@ -218,7 +218,7 @@ impl Remote {
             if self.goes_on() { self.fetch(start..(start + step).min(length)) } else { Err(io::Error::other(STOPPED)) }
         });
         *self.so_far() = None;
-        (network().watch)(&self.path, length, length);
+        (network().watch)(&self.path, Some((length, length)));
         fetched
     }
 
@@ -228,11 +228,9 @@ impl Remote {
 
     /// Tells how much of the whole file is there, if it is being fetched. Returns whether to go on.
     fn goes_on(&self) -> bool {
-        let so_far = *self.so_far();
         // All of it is told at the end alone.
-        let goes_on = so_far.is_none_or(|so_far| {
-            (network().watch)(&self.path, so_far.min(self.length().saturating_sub(1)), self.length())
-        });
+        let so_far = self.so_far().map(|so_far| (so_far.min(self.length().saturating_sub(1)), self.length()));
+        let goes_on = (network().watch)(&self.path, so_far);
         self.stops.fetch_add(usize::from(!goes_on), Ordering::Relaxed);
         goes_on
     }
@@ -423,7 +421,7 @@ impl Remote {
         let read = answer.read(&mut |at, bytes| filler.give(at, bytes));
         if before.is_none() {
             *self.so_far() = None;
-            (network().watch)(&self.path, total, total);
+            (network().watch)(&self.path, Some((total, total)));
         }
         read
     }

@@ -30,6 +30,8 @@ static STOPPED_AT: AtomicU64 = AtomicU64::new(0);
 /// The name of a file whose opening is stopped while it waits, and the number of waits whose end was told.
 const WAITS: &str = "waits.ply";
 static WAITS_ENDED: AtomicU64 = AtomicU64::new(0);
+/// The name of a file of which the fetch of a part is stopped while it waits.
+const PART_WAITS: &str = "part_waits.ply";
 /// The name of a file whose fetch is stopped at the first report of bytes, and then no more.
 const STOPPED_ONCE: &str = "stopped_once.ply";
 static IS_STOPPED: AtomicBool = AtomicBool::new(false);
@@ -43,7 +45,8 @@ fn cache() -> &'static Path {
     let folder = FOLDER.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         let authorization = Some("Bearer secret".to_owned());
-        let watch = Box::new(|path: &Path, done: u64, total: u64| {
+        let watch = Box::new(|path: &Path, bytes: Option<(u64, u64)>| {
+            let Some((done, total)) = bytes else { return !path.ends_with(PART_WAITS) };
             if path.ends_with(PANICS) && done > 0 {
                 assert!(HAS_PANICKED.swap(true, Ordering::Relaxed), "a report that panics");
             }
@@ -690,6 +693,22 @@ fn the_wait_of_an_opening_can_be_stopped() {
     let told = message(&server.path(WAITS));
     assert!(told.contains("stopped while it was fetched") && began.elapsed().as_secs() < 10, "{told}");
     assert_eq!((server.requests(), WAITS_ENDED.load(Ordering::Relaxed)), (1, 1));
+}
+
+#[test]
+fn the_wait_for_a_part_can_be_stopped() {
+    cache();
+    let file = ply(80_000, 1.0);
+    let server = Server::new(move |request, stream| match request.number {
+        1 => send_part(&file, "etag: \"1\"\r\n", request, stream),
+        _ => write!(stream, "HTTP/1.1 503 Busy\r\nretry-after: 20\r\ncontent-length: 0\r\n\r\n"),
+    });
+    let path = server.path(PART_WAITS);
+    codec::trust_address(&path);
+    let opened = codec::Bytes::open(&path).unwrap();
+    let began = std::time::Instant::now();
+    let told = opened.read_at(900_000, &mut [0; 100]).unwrap_err().to_string();
+    assert!(told.contains("stopped while it was fetched") && began.elapsed().as_secs() < 10, "{told}");
 }
 
 #[test]

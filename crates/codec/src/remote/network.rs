@@ -16,9 +16,10 @@ const WAITS: [u64; 4] = [200, 400, 800, 1600];
 /// The time without a byte after which a server is given up.
 const SILENCE: Duration = Duration::from_secs(20);
 
-/// Called while a whole file is fetched: its address, bytes so far, bytes in all; and while an opening waits before it asks
-/// again, with 0 bytes of 1. The last call says that all are there, even where the fetch has failed. Returns whether to go on.
-type Watch = Box<dyn Fn(&Path, u64, u64) -> bool + Send + Sync>;
+/// Called while a whole file is fetched: its address, bytes so far and bytes in all; and while an opening waits before it asks
+/// again, with 0 bytes of 1. The last call says that all are there, even where the fetch has failed. Where a part is waited
+/// for, it is called without bytes. Returns whether to go on.
+type Watch = Box<dyn Fn(&Path, Option<(u64, u64)>) -> bool + Send + Sync>;
 
 /// How servers are asked. A process has one; without one, nothing is kept.
 pub struct Network {
@@ -29,8 +30,6 @@ pub struct Network {
     /// The value of the header `Authorization`, for servers whose address a person has typed.
     pub authorization: Option<String>,
     pub watch: Watch,
-    /// Whether nothing is to be waited for any more.
-    pub stops: fn() -> bool,
     /// The waits before a request that may only have failed for a moment is made again, in milliseconds.
     pub waits: &'static [u64],
     /// The time without a byte after which a server is given up.
@@ -39,9 +38,8 @@ pub struct Network {
 
 impl Default for Network {
     fn default() -> Self {
-        let watch = Box::new(|_: &Path, _, _| true);
-        let stops = || false;
-        Self { folder: None, limit: LIMIT, authorization: None, watch, stops, waits: &WAITS, silence: SILENCE }
+        let watch = Box::new(|_: &Path, _| true);
+        Self { folder: None, limit: LIMIT, authorization: None, watch, waits: &WAITS, silence: SILENCE }
     }
 }
 

@@ -261,7 +261,7 @@ fn repeated<T>(
 /// Waits while `goes_on` says so.
 fn wait(until: Instant, goes_on: &dyn Fn() -> bool) -> Result<(), String> {
     loop {
-        if !goes_on() || (network().stops)() {
+        if !goes_on() {
             return Err(STOPPED.into());
         }
         let left = until.saturating_duration_since(Instant::now());
