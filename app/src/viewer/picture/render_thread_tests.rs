@@ -2,7 +2,7 @@ use std::sync::mpsc::Receiver;
 
 use cloud::PointTest;
 use glam::DVec3;
-use scene::{Camera, LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape};
+use scene::{Camera, LightClues, Mirror, MirrorSurface, Quality, Reflection, Shape, SpotLight};
 
 use super::*;
 use crate::viewer::bench::{devices, own_device};
@@ -258,6 +258,48 @@ fn quick_pictures_go_on_during_a_coarse_frame_which_is_given_up_for_what_needs_n
         is_due(&worker, 1) && !same
     };
     assert!((0..20).any(is_sooner), "mirrors go on to show points that are gone");
+}
+
+#[test]
+fn light_of_earlier_pictures_is_taken_over_as_long_as_the_lamps_stay() {
+    let Some(mut worker) = worker() else { return };
+    let cloud = world::CloudKey(0);
+    // A ball, of which each view shows a side that the other does not.
+    let direction = |index: u32| {
+        let (z, angle) = (f64::from(index) / 2048.0 - 1.0, f64::from(index) * 2.4);
+        let ring = (1.0 - z * z).sqrt();
+        DVec3::new(ring * angle.cos(), ring * angle.sin(), z)
+    };
+    let directions: Vec<DVec3> = (0..4096).map(direction).collect();
+    let mut chunk = cloud::Chunk::of_places(0, &directions);
+    chunk.normals = Some(Arc::new(directions.iter().map(|normal| cloud::pack_normal(normal.as_vec3())).collect()));
+    chunk.radii = Some(Arc::new(vec![cloud::pack_radius(0.06); directions.len()]));
+    worker.resident.apply(Change::Open { cloud, provisional_radius: 0.06 }).unwrap();
+    let key = cloud.chunk(world::Part::Block(0));
+    worker.resident.apply(Change::Put { key, chunk, layout: Arc::default() }).unwrap();
+
+    let request = |side: f64, red: f32| {
+        let (position, intensity) = (DVec3::new(0.0, 0.0, 6.0), [red, 40.0, 40.0]);
+        let lamp = SpotLight { position, target: DVec3::ZERO, intensity, inner_degrees: 30.0, outer_degrees: 40.0 };
+        let camera = Camera::looking(DVec3::ZERO, DVec3::Y * side, 3.0, DVec3::Z);
+        let mut request = FrameRequest { camera, mirrors: Vec::new(), lights: vec![lamp], ..*request([160, 120]) };
+        request.settings.gi.bounces = 0;
+        request
+    };
+    // What a view of one side is while the camera moves, after one of that side in the light of a lamp, and one of the other.
+    let mut moving_after = |red: Option<f32>| {
+        worker.moving = MovingPictures::default();
+        for still in red.map(|red| request(1.0, red)).into_iter().chain([request(-1.0, 40.0)]) {
+            worker.draw(still.clone(), Instant::now()).unwrap();
+            worker.keep_light(&still).unwrap();
+        }
+        let still = request(1.0, 40.0);
+        let drawn = worker.moving.draw(&worker.gpu, &worker.resident.store, &beside(&still, 0.0));
+        drawn.expect("a quick picture").1.tight()
+    };
+    let [none, same, other] = [None, Some(40.0), Some(4.0)].map(&mut moving_after);
+    assert!(same != none, "the light of the first view is not taken over");
+    assert!(other == none, "the light of another lamp is taken over");
 }
 
 #[test]
