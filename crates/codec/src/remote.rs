@@ -5,6 +5,7 @@
 //! file still has that stamp; a block of an earlier run is used if its checksum is right. A file without a sure ETag and time
 //! of change is kept for one opening only.
 
+mod certificates;
 mod kept;
 mod network;
 mod request;

@@ -10,10 +10,12 @@ use std::time::{Duration, Instant};
 
 use ureq::config::Config;
 use ureq::http::{HeaderMap, Response, Uri};
+use ureq::tls::{RootCerts, TlsConfig};
 use ureq::unversioned::resolver::{DefaultResolver, ResolvedSocketAddrs, Resolver};
 use ureq::unversioned::transport::{DefaultConnector, NextTimeout};
 use ureq::{Agent, Body};
 
+use super::certificates::authorities;
 use super::network::network;
 use crate::address::Address;
 
@@ -283,7 +285,7 @@ fn times(count: usize) -> String {
 fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Response<Body>), Failure> {
     let (mut address, mut base) = (address.clone(), address.clone());
     for _ in 0..=MOST_REDIRECTS {
-        let mut request = agent().get(address.text());
+        let mut request = agent()?.get(address.text());
         for (name, value) in headers {
             request = request.header(*name, value);
         }
@@ -418,7 +420,7 @@ fn insecure(problem: &str) -> Option<String> {
     Some(match wrong {
         Some(wrong) if wrong.starts_with("UnknownIssuer") => {
             "glint does not know who has issued the server's certificate: it \
-            knows the authorities that Mozilla's browser knows, and none that this machine or a company has added"
+            knows the authorities that Mozilla's browser knows, or those of a file in PEM that SSL_CERT_FILE names"
                 .into()
         }
         Some(wrong) => format!("the server's certificate is not valid: {}", crate::brief::brief(wrong)),
@@ -449,9 +451,10 @@ fn of_reading(error: &io::Error) -> Failure {
 }
 
 /// The connections of this process; the first request makes them.
-fn agent() -> &'static Agent {
-    static AGENT: OnceLock<Agent> = OnceLock::new();
-    AGENT.get_or_init(|| {
+fn agent() -> Result<&'static Agent, Failure> {
+    static AGENT: OnceLock<Result<Agent, String>> = OnceLock::new();
+    let made = AGENT.get_or_init(|| {
+        let roots = authorities()?.unwrap_or(RootCerts::WebPki);
         let config = Agent::config_builder()
             .http_status_as_error(false)
             .max_redirects(0)
@@ -464,9 +467,11 @@ fn agent() -> &'static Agent {
             .timeout_connect(Some(network().silence))
             .timeout_recv_response(Some(network().silence))
             .timeout_per_read(Some(network().silence))
+            .tls_config(TlsConfig::builder().root_certs(roots).build())
             .build();
-        Agent::with_parts(config, DefaultConnector::default(), PublicResolver)
-    })
+        Ok(Agent::with_parts(config, DefaultConnector::default(), PublicResolver))
+    });
+    made.as_ref().map_err(|problem| Failure::Final(problem.clone()))
 }
 
 /// Finds the addresses of hosts, without private ones for hosts that no person has typed: a server elsewhere must not be
