@@ -8,7 +8,7 @@ use std::time::Duration;
 use cloud::Progress;
 
 use crate::system::failure::{INTERRUPTED, Interrupted};
-use crate::system::terminal::{self, complain};
+use crate::system::terminal::complain;
 
 /// The exit status that the program shall end with; 0 until it is asked to.
 static WANTED: AtomicU8 = AtomicU8::new(0);
@@ -90,8 +90,8 @@ fn end() -> ! {
 
 /// Ends the program at once with an exit status. Threads that still compile shaders are left where they are: what a driver
 /// takes down on a usual end of a program (LLVM's tables, with software Vulkan) is still used by them, and they crash.
+/// Nothing is left in standard output: what is written there is written out at once.
 pub fn leave(status: u8) -> ! {
-    terminal::flush();
     #[cfg(unix)]
     signal_hook::low_level::exit(i32::from(status));
     #[cfg(not(unix))]

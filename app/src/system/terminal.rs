@@ -31,11 +31,6 @@ pub fn escaped(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.chars().map(escape).collect())
 }
 
-/// Writes out what standard output still holds, before the program ends. Nobody is left to be told of a failure.
-pub fn flush() {
-    let _ = std::io::stdout().flush();
-}
-
 /// Writes the lines of a result to standard output. It is no error if the reader has seen enough (`| head`) and closes
 /// the pipe.
 ///
