@@ -45,12 +45,12 @@ impl FrameRequest {
         summed == asked && !stats.exposure.is_some_and(|exposure| exposure.adapts) || self.hurried
     }
 
-    /// A frame of the same surface, from which points are picked: light by rays, and the samples of glossy mirrors, take up to
-    /// a minute.
+    /// A frame of the same surface without indirect light and reflections, from which points are picked: all rays of light,
+    /// and all samples of glossy mirrors, take up to a minute.
     pub fn surface_alone(&self) -> Self {
         let mut settings = self.settings.clone();
-        (settings.gi.by, settings.gi.bounces, settings.light.photons) = (IndirectBy::Lights, 0, 0);
-        settings.reflection.method = Method::None;
+        (settings.gi.by, settings.gi.bounces, settings.sun.sky) = (IndirectBy::Lights, 0, 0.0);
+        (settings.light.photons, settings.reflection.method) = (0, Method::None);
         Self { settings, ..self.clone() }
     }
 

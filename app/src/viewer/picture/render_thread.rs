@@ -125,6 +125,8 @@ struct Worker {
     test: Option<PointTest>,
     /// The frame that the renderer holds, and whether the picture is the whole frame's, made from its own colours.
     held: Option<(FrameRequest, bool)>,
+    /// The frame whose surface the renderer holds, though further samples or rays of it may have been given up.
+    surface: Option<FrameRequest>,
     /// When the last frame was drawn for the window, whose exposure the next one begins with.
     exposed_at: Option<Instant>,
     /// The samples of glossy mirrors in the last frame that was drawn for the window.
@@ -160,6 +162,7 @@ impl Worker {
             window_gpu,
             test: None,
             held: None,
+            surface: None,
             exposed_at: None,
             summed: 0,
             on_screen,
@@ -183,7 +186,7 @@ impl Worker {
         let gpu = Gpu::on_same_adapter(&self.gpu.info)?;
         self.renderer = Renderer::with_progress(gpu.clone(), &self.shaders)?;
         self.gpu = gpu.clone();
-        (self.held, self.on_screen, self.summed, self.exposed_at) = (None, None, 0, None);
+        (self.held, self.surface, self.on_screen, self.summed, self.exposed_at) = (None, None, None, 0, None);
         self.resident.store.move_to(gpu)
     }
 
@@ -422,9 +425,10 @@ impl Worker {
     fn pick(&mut self, pixel: [u32; 2]) -> render::Result<Option<PickedPoint>> {
         match self.on_screen.clone() {
             Some(request) if !self.moving.is_shown => {
-                // What is left of a frame that was given up for this has no surface.
-                if !self.is_held(&request) {
-                    self.render(&request.surface_alone(), None)?;
+                let surface = request.surface_alone();
+                let is_there = |held: &FrameRequest| *held == request || *held == surface;
+                if !self.surface.as_ref().is_some_and(is_there) {
+                    self.render(&surface, None)?;
                 }
                 let (drawn, radius) = request.picked(pixel);
                 let picked = self.renderer.pick(&self.resident.store, drawn, radius)?;
@@ -484,7 +488,7 @@ impl Worker {
     ) -> anyhow::Result<Choice> {
         let FrameRequest { mirrors, lights, clues, camera, settings, size, .. } = request;
         let objects = Objects { mirrors, lights, clues: *clues };
-        self.held = None;
+        (self.held, self.surface) = (None, None);
         let Self { renderer, resident, .. } = self;
         let mut draw = |renderer: &mut Renderer, settings: &Settings, size: [u32; 2]| {
             Ok(renderer.render(&resident.store, &render::Frame::new(camera, settings, objects, size))?)
@@ -511,6 +515,8 @@ impl Worker {
 
     /// The frame of a request, which takes the place of the one that is held; `samples` as for `render`.
     fn begin<'a>(&mut self, request: &'a FrameRequest, samples: Option<u32>) -> render::Frame<'a> {
+        let stands = self.is_held(request) && request.settings.reflection.keep;
+        self.surface = self.surface.take().filter(|_| stands);
         self.held = None;
         let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
         self.exposed_at = samples.is_some().then(Instant::now);
@@ -530,6 +536,7 @@ impl Worker {
         let [summed, asked] = stats.samples();
         let adapts = stats.exposure.is_some_and(|exposure| exposure.adapts);
         self.held = Some((request.clone(), summed == asked && !adapts));
+        self.surface = Some(request.clone());
         Ok(stats)
     }
 
@@ -660,7 +667,7 @@ impl Worker {
         let outcome = stands.iter().map(|stands| self.moving.coarse_of(&request, *stands)).try_for_each(prepare);
         if outcome.is_err() {
             // The renderer may have given up the picture that it held.
-            self.held = None;
+            (self.held, self.surface) = (None, None);
         }
         tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "passes of moving pictures prepared");
         outcome

@@ -430,8 +430,13 @@ fn a_pick_during_a_frame_that_was_given_up_draws_the_surface_alone() {
     worker.draw((*request).clone(), Instant::now()).unwrap();
     let picked = worker.pick([24, 18]).unwrap();
     assert!(picked.is_some() && worker.is_held(&request), "a frame that is held is not drawn again");
-    // The next samples are begun, and given up because a button is pressed.
+    // The next samples are begun, and given up because a button is pressed: their surface is there.
     worker.begin(&request, Some(1));
+    let again = worker.pick([24, 18]).unwrap();
+    assert!(worker.held.is_none() && again.is_some());
+    assert_eq!(again.map(|point| (point.chunk, point.index)), picked.map(|point| (point.chunk, point.index)));
+    // A frame of another view is given up in the middle.
+    worker.begin(&beside(&request, 0.1), Some(1));
     let again = worker.pick([24, 18]).unwrap();
     assert_eq!(again.map(|point| (point.chunk, point.index)), picked.map(|point| (point.chunk, point.index)));
     let (drawn, _) = worker.held.clone().unwrap();

@@ -159,7 +159,10 @@ pub(super) fn light_rays(
 ) -> Result<Option<Summed>> {
     let Plan { store, settings, objects, camera, .. } = plan;
     if plan.rays == 0 {
-        *kept = None;
+        // Frames without indirect light leave those of others alone.
+        if plan.has_indirect {
+            *kept = None;
+        }
         return Ok(None);
     }
     let gpu = recorder.gpu;
