@@ -97,21 +97,39 @@ pub fn build_in_order(
 
 /// Shows an even share of the points of some files of which no index can be made, at most `most_points`. `also` names the
 /// attributes that are shown besides the usual ones; `progress` counts each point once, and `preview` is that of [`build`].
+/// Returns what is wrong with files that cannot be read to their end.
 ///
 /// # Errors
-/// `Cancelled`; `Input` if no file can be read.
+/// `Cancelled`.
 pub fn show_share(
     inputs: &[Arc<Source>],
     also: &BTreeSet<String>,
     most_points: u64,
     progress: &Progress,
     preview: &(dyn Fn(Previewed) + Sync),
-) -> Result<()> {
-    let options = BuildOptions { memory: 0, preview_points: most_points };
+) -> Result<Vec<String>> {
     let preview = Preview::new(most_points, header_points(inputs), preview);
-    let build = Build { inputs, also, options: &options, progress, preview, next: &|_| 0, disk: 0 };
-    build.preview.show_first(&plan::layout(inputs, also, true), inputs, &build.first_points(), progress);
-    build.measure(1).map(drop)
+    let (layout, starts) = (plan::layout(inputs, also, true), first_points(inputs));
+    progress.set_total(progress.done().saturating_add(header_points(inputs)));
+    preview.show_first(&layout, inputs, &starts, progress);
+    let mut problems = Vec::new();
+    for (input, start) in inputs.iter().zip(starts) {
+        let (selection, columns) = plan::selection(input, &layout);
+        let reading = Progress::default();
+        let show = |chunk: Chunk| {
+            if progress.is_cancelled() {
+                reading.cancel();
+            }
+            progress.add(chunk.len() as u64);
+            preview.add(&layout, &chunk, &columns, start);
+        };
+        problems.extend(input.read(&selection, &reading, &show).err().map(|error| error.to_string()));
+        if progress.is_cancelled() {
+            return Err(Error::Cancelled);
+        }
+    }
+    preview.finish(&layout);
+    Ok(problems)
 }
 
 /// Builds an index; `disk` limits the size of each file in bytes.
@@ -213,6 +231,16 @@ fn header_points(inputs: &[Arc<Source>]) -> u64 {
     inputs.iter().fold(0, |sum, input| sum.saturating_add(input.info().points))
 }
 
+/// The number of the first point of each file among the points of all files.
+fn first_points(inputs: &[Arc<Source>]) -> Vec<u64> {
+    let first = inputs.iter().scan(0_u64, |next, input| {
+        let first = *next;
+        *next = first.saturating_add(input.info().points);
+        Some(first)
+    });
+    first.collect()
+}
+
 /// One run of the builder.
 struct Build<'a> {
     inputs: &'a [Arc<Source>],
@@ -245,13 +273,13 @@ impl Build<'_> {
         let mut wide = false;
         let mut scene = None;
         let layout = plan::layout(self.inputs, self.also, true);
-        self.preview.show_first(&layout, self.inputs, &self.first_points(), self.progress);
+        self.preview.show_first(&layout, self.inputs, &first_points(self.inputs), self.progress);
         loop {
             let Some(plan) = IndexPlan::new(self.inputs, self.also, extent.as_ref(), wide, scene) else {
                 if extent.is_some() {
                     return Err(self.why_empty(first_path()));
                 }
-                extent = Some(self.measure(3)?);
+                extent = Some(self.measure()?);
                 continue;
             };
             self.expect(2);
@@ -264,7 +292,7 @@ impl Build<'_> {
             if outside || (!plan.layout.wide && counts.misfits.load(Ordering::Relaxed) > 0) {
                 // The headers are wrong: read again with the measured extent.
                 wide |= counts.misfits.load(Ordering::Relaxed) > 0;
-                extent = Some(self.measure(3)?);
+                extent = Some(self.measure()?);
                 drop(temporary);
                 std::fs::remove_file(&path).map_err(|error| Error::not_written(&path, error))?;
                 continue;
@@ -302,32 +330,22 @@ impl Build<'_> {
         self.progress.set_total(self.progress.done().saturating_add(points));
     }
 
-    /// Measures where the points are, when headers do not say. The preview is filled during this pass, the first of `passes`.
-    fn measure(&self, passes: u64) -> Result<Extent> {
-        self.expect(passes);
+    /// Measures where the points are, when headers do not say. The preview is filled during this pass.
+    fn measure(&self) -> Result<Extent> {
+        self.expect(3);
         let layout = plan::layout(self.inputs, self.also, true);
         let (mut selections, columns): (Vec<Selection>, Vec<_>) =
             self.inputs.iter().map(|input| plan::selection(input, &layout)).unzip();
         if !self.preview.is_wanted() {
             selections.fill(Selection { positions: true, ..Selection::default() });
         }
-        let starts = self.first_points();
+        let starts = first_points(self.inputs);
         let extent = plan::measure(self.inputs, &selections, self.progress, &|file, chunk| {
             self.progress.add(chunk.len() as u64);
             self.preview.add(&layout, &chunk, &columns[file], starts[file]);
         });
         self.preview.finish(&layout);
         extent
-    }
-
-    /// The number of the first point of each file among the points of all files.
-    fn first_points(&self) -> Vec<u64> {
-        let first = self.inputs.iter().scan(0_u64, |next, input| {
-            let first = *next;
-            *next = first.saturating_add(input.info().points);
-            Some(first)
-        });
-        first.collect()
     }
 
     /// The error of the first file that cannot be read, or `Empty`.
@@ -364,7 +382,7 @@ impl Build<'_> {
         let failure: Mutex<Option<Error>> = Mutex::new(None);
         // What is wrong with a file, by its place among the files.
         let (mut warnings, mut errors) = (BTreeMap::new(), BTreeMap::new());
-        let starts = self.first_points();
+        let starts = first_points(self.inputs);
         let mut left: Vec<usize> = (0..self.inputs.len()).collect();
         let mut boxes: Vec<Bounds> =
             self.inputs.iter().map(|input| input.info().bounds.unwrap_or(Bounds::EMPTY)).collect();

@@ -51,6 +51,8 @@ const PREVIEW_POINT_BYTES: u64 = 80;
 /// Why there is no index.
 enum Stopped {
     Cancelled,
+    /// The cache cannot hold it, with the message.
+    NotWritten(String),
     /// The message, and whether the input is at fault.
     Failed(String, bool),
 }
@@ -59,6 +61,9 @@ impl Stopped {
     fn of(error: stream::Error) -> Self {
         match error {
             stream::Error::Cancelled => Self::Cancelled,
+            stream::Error::Full { .. } | stream::Error::NotWritten { .. } | stream::Error::InTheWay { .. } => {
+                Self::NotWritten(error.to_string())
+            }
             error => Self::Failed(error.to_string(), is_of_inputs(&error)),
         }
     }
@@ -344,7 +349,7 @@ impl Loader {
             Ok(cache) => task
                 .run(|progress| stream::build_in_order(&streamed.sources, cache, &options, progress, &preview, &next))
                 .map_err(Stopped::of),
-            Err(error) => Err(Stopped::Failed((*error).to_owned(), false)),
+            Err(error) => Err(Stopped::NotWritten((*error).to_owned())),
         };
         tracing::debug!(input = streamed.input, seconds = start.elapsed().as_secs_f64(), "indexed");
         match built {
@@ -354,66 +359,80 @@ impl Loader {
                 self.stream(streamed, pages, was_built, std::mem::take(&mut *previews()));
                 Some(true)
             }
-            Err(Stopped::Cancelled) => self.stopped(streamed),
-            // Where the cache cannot hold the index, what a preview shows is better than nothing.
-            Err(Stopped::Failed(error, false)) if self.shows_share(streamed, task, preview_points, &preview) => {
-                let error = format!("{error}; until then an even share of its points is shown");
+            Err(Stopped::Cancelled) => {
+                let points = previews().values().sum();
+                self.mailbox.keep_room(cloud, points);
+                let summary = codec::Summary { points, cancelled: true, ..Default::default() };
+                self.send(Event::Read { cloud, summary }).map(|()| false)
+            }
+            // What a preview shows is better than nothing.
+            Err(Stopped::NotWritten(error)) if preview_points > 0 || !previews().is_empty() => {
+                let error = format!("{error}; until then an even share of the cloud's points is shown");
                 self.send(Event::Failed { input: streamed.input.clone(), error, is_usage: false })?;
-                self.stopped(streamed)
+                // A preview that is not as large as the one before it goes, and that one stays.
+                let before = std::mem::take(&mut *old());
+                let is_new = |part: &Part| !before.is_empty() && !before.contains(part);
+                let gone: Vec<Part> = previews().keys().copied().filter(is_new).collect();
+                gone.into_iter().try_for_each(&drop_part)?;
+                self.show_share(streamed, task, preview_points, &preview)?;
+                task.progress.cancel();
+                let points = previews().values().sum();
+                self.mailbox.keep_room(cloud, points);
+                let summary = codec::Summary { points, ..Default::default() };
+                self.send(Event::Read { cloud, summary }).map(|()| false)
             }
-            Err(Stopped::Failed(error, is_usage)) => {
-                let input = streamed.input.clone();
-                self.send(Event::Failed { input, error, is_usage })?;
-                let gone = std::mem::take(&mut *previews());
-                for part in gone.into_keys() {
-                    self.send(Event::Dropped { cloud, part })?;
-                }
-                self.mailbox.keep_room(cloud, 0);
-                self.send(Event::Read { cloud, summary: codec::Summary::default() }).map(|()| false)
-            }
+            Err(Stopped::NotWritten(error)) => self.failed(streamed, error, false),
+            Err(Stopped::Failed(error, is_usage)) => self.failed(streamed, error, is_usage),
         }
     }
 
-    /// Lets the preview of a cloud stay whose index is not made now.
-    fn stopped(&self, streamed: &StreamedInput) -> Option<bool> {
-        let points = streamed.previews.lock().unwrap_or_else(PoisonError::into_inner).values().sum();
-        self.mailbox.keep_room(streamed.cloud, points);
-        let summary = codec::Summary { points, cancelled: true, ..Default::default() };
-        self.send(Event::Read { cloud: streamed.cloud, summary }).map(|()| false)
+    /// Says that there will be no index, and takes the preview away.
+    fn failed(&self, streamed: &StreamedInput, error: String, is_usage: bool) -> Option<bool> {
+        let cloud = streamed.cloud;
+        self.send(Event::Failed { input: streamed.input.clone(), error, is_usage })?;
+        let gone = std::mem::take(&mut *streamed.previews.lock().unwrap_or_else(PoisonError::into_inner));
+        for part in gone.into_keys() {
+            self.send(Event::Dropped { cloud, part })?;
+        }
+        self.mailbox.keep_room(cloud, 0);
+        self.send(Event::Read { cloud, summary: codec::Summary::default() }).map(|()| false)
     }
 
-    /// Shows an even share of the points of a cloud whose index cannot be written, unless the preview is one, and marks its
-    /// task as stopped, which can be resumed. Returns whether any points are shown.
-    fn shows_share(
+    /// Shows an even share of the points of a cloud whose index cannot be written, unless the preview is one.
+    fn show_share(
         &self,
         streamed: &StreamedInput,
         task: &CloudTask,
         most_points: u64,
         preview: &(dyn Fn(Previewed) + Sync),
-    ) -> bool {
+    ) -> Option<()> {
         let previews = || streamed.previews.lock().unwrap_or_else(PoisonError::into_inner);
         let before: HashMap<Part, u64> = previews().clone();
         let shown: u64 = before.values().sum();
-        // Points that are no share of all are those of the beginnings of files.
-        if shown < most_points.min(task.points()) / 10 * 9 {
-            self.mailbox.keep_room(streamed.cloud, most_points + shown);
-            let also = self.also();
-            let share =
-                task.run(|progress| stream::show_share(&streamed.sources, &also, most_points, progress, preview));
-            tracing::debug!(input = streamed.input, ?share, "without an index");
-            if share.is_ok() && previews().len() > before.len() {
-                for part in before.into_keys() {
-                    previews().remove(&part);
-                    // Nobody is there to show it if the receiver is gone.
-                    let _ = self.send(Event::Dropped { cloud: streamed.cloud, part });
-                }
-            }
+        // Fewer points are those of the beginnings of files.
+        if shown >= most_points.min(task.points()) / 10 * 9 {
+            return Some(());
         }
-        let is_shown = !previews().is_empty();
-        if is_shown {
-            task.progress.cancel();
+        self.mailbox.keep_room(streamed.cloud, most_points + shown);
+        let also = self.also();
+        let share = task.run(|progress| stream::show_share(&streamed.sources, &also, most_points, progress, preview));
+        // Where it was stopped, what was there before stays, or else what has come.
+        let gone = |part: &Part| match share {
+            Ok(_) => before.contains_key(part),
+            Err(_) => !before.is_empty() && !before.contains_key(part),
+        };
+        let gone: Vec<Part> = previews().keys().copied().filter(gone).collect();
+        for part in gone {
+            previews().remove(&part);
+            self.send(Event::Dropped { cloud: streamed.cloud, part })?;
         }
-        is_shown
+        let problems = share.unwrap_or_default();
+        let Some(error) = problems.first() else { return Some(()) };
+        let more = match problems.len() - 1 {
+            0 => String::new(),
+            more => format!("; and {more} more of its files cannot be read"),
+        };
+        self.send(Event::Failed { input: streamed.input.clone(), error: format!("{error}{more}"), is_usage: true })
     }
 
     /// Estimates missing normals and radii of all points of indexes of ours.
