@@ -1,6 +1,7 @@
 //! The error of a picture against the still picture: the same view at full resolution with all points, 1024 virtual
 //! lights that light every pixel, and `surfel_trace`, with mirrors by their formulas where they have one. So it holds
-//! the errors of resolution, points, lights and method. `auto` shares the lights of large ones among pixels.
+//! the errors of resolution, points, lights and method. `auto` shares the lights of large ones among pixels. Where rays
+//! bring light, it has all of them, and lights are shared where they end as the settings say.
 
 use std::str::FromStr;
 

@@ -8,7 +8,7 @@
 use std::fmt::Write as _;
 
 use param::Choice as _;
-use scene::{Method, Settings};
+use scene::{IndirectBy, Method, Settings};
 
 use crate::plan::{PlannedTarget, TARGET};
 use crate::results::{FRAME_MS, Row, STILL_DELTA_E, STILL_PIXELS, STILL_WORSE_DELTA_E, Spread, TARGET_MS};
@@ -77,8 +77,10 @@ fn judge<'a>(row: &'a Row, rows: &'a [Row], colors: &str) -> Option<Judged<'a>> 
     };
     let target = match planned {
         PlannedTarget::Share(share) => {
-            let unchanged =
-                rows.iter().filter(is_other).find(|other| is_unchanged(other) && other.case.set == row.case.set);
+            // Of light by rays, the share is that of the time with virtual lights in their place.
+            let is_lit_so = |other: &&Row| settings_of(other).gi.by == IndirectBy::Lights;
+            let mut others = rows.iter().filter(is_other).filter(is_lit_so);
+            let unchanged = others.find(|other| is_unchanged(other) && other.case.set == row.case.set);
             unchanged.and_then(|other| other.value(FRAME_MS)).map_or(target, |time| time * share)
         }
         PlannedTarget::Fixed(_) => target,

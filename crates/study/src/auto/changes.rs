@@ -146,7 +146,10 @@ pub fn changes_of(
     if is_lit {
         sets.extend(of_rays(settings, base, is_free));
     }
-    for (key, values) in LEVERS.iter().filter(|(key, _)| is_free(key) && (is_lit || !key.starts_with(LIGHT))) {
+    // Where paths end, the still picture's lights are shared as those of `base`: nothing is more accurate.
+    let is_shared = |key: &str| base.gi.by == IndirectBy::Rays && key == "gi.interleave";
+    let is_lever = |key: &str| is_free(key) && (is_lit || !key.starts_with(LIGHT)) && !is_shared(key);
+    for (key, values) in LEVERS.iter().filter(|(key, _)| is_lever(key)) {
         sets.extend(values.iter().map(|value| vec![(*key, (*value).to_owned())]));
     }
     let change = |set| Change { set, squares: Squares::default(), milliseconds: 0.0 };
@@ -179,12 +182,15 @@ const MOST_KNOWN: usize = 2000;
 pub struct Kind(String);
 
 impl Kind {
-    /// `fixed` names the parameters that the still picture keeps of `settings`.
-    pub fn new(settings: &Settings, has_mirrors: bool, fixed: &[String]) -> Self {
+    /// `fixed` names the parameters that the still picture keeps of `settings`, of which `base` is made.
+    pub fn new(settings: &Settings, base: &Settings, has_mirrors: bool, fixed: &[String]) -> Self {
         let view = if has_mirrors { "mirrors" } else { "no mirrors" };
         let Gi { by, rays_per_pixel, .. } = settings.gi;
         let view = match by {
-            IndirectBy::Rays => format!("{view} {rays_per_pixel} rays"),
+            IndirectBy::Rays => {
+                let few = if base.gi.by == by { base.gi.rays_per_pixel } else { 0 };
+                format!("{view} {rays_per_pixel} rays from {few} shared {}", settings.gi.interleave)
+            }
             IndirectBy::Lights => view.to_owned(),
         };
         let is_lever = |key: &&String| LEVERS.iter().any(|(lever, _)| lever == key);
@@ -311,8 +317,9 @@ pub fn combinations(base: &Settings, changes: &[Change]) -> Vec<Combination> {
             }
             for (index, change) in changes.iter().enumerate().filter(is_of_key) {
                 let settings = change.of(&combination.settings);
-                // Without light between surfaces the number of its lights changes nothing.
-                let is_lit = settings.gi.bounces > 0 || settings.gi.vpls == base.gi.vpls;
+                // Without light between surfaces, what brings it changes nothing.
+                let brings = |gi: &Gi| (gi.by, gi.rays_per_pixel, gi.vpls);
+                let is_lit = settings.gi.bounces > 0 || brings(&settings.gi) == brings(&base.gi);
                 let is_by_rays = combination.settings.gi.by != base.gi.by;
                 if is_lit && !(is_by_rays && OF_LIGHTS.contains(&key)) {
                     let changes = [&combination.changes[..], &[index]].concat();
@@ -513,6 +520,15 @@ mod tests {
         let (base, _, rays) = of(&settings, &[BY, RAYS]);
         assert_eq!((base.gi.rays_per_pixel, rays.as_str()), (64, ""));
         assert_eq!(base_of(&settings, &[], false).gi, settings.gi, "light that does not count stays");
+        // Without light between surfaces, rays cost nothing and bring nothing.
+        let base = base_of(&settings, &[], true);
+        let all = combinations(&base, &changes_of(&settings, &base, &[], false, true));
+        let dark = all.iter().filter(|found| found.settings.gi.bounces == 0);
+        assert!(dark.clone().count() > 0 && dark.clone().all(|found| found.settings.gi.by == IndirectBy::Lights));
+        // What is known from lights says nothing of what is known from rays.
+        let few = base_of(&settings, &[BY.to_owned()], true);
+        let kinds = [&base, &few, &settings].map(|base| Kind::new(&settings, base, true, &[]).0);
+        assert!(kinds[0] != kinds[1] && kinds[1] != kinds[2] && kinds[0] != kinds[2], "{kinds:?}");
         settings.gi.by = IndirectBy::Lights;
         assert_eq!(of(&settings, &[]).2, "");
     }
@@ -546,13 +562,13 @@ mod tests {
         let few = change(&[("gi.vpls", "16")], [1.0, 2.0, 3.0], 5.0);
         let mut known = KnownErrors::default();
         let [mirrors, bare] =
-            [true, false].map(|has_mirrors| Kind::new(&base, has_mirrors, &["scene.seed".to_owned()]));
+            [true, false].map(|has_mirrors| Kind::new(&base, &base, has_mirrors, &["scene.seed".to_owned()]));
         known.learn(&mirrors, &base, [4.0; 3], std::slice::from_ref(&few));
         assert_eq!(known.of(&mirrors, &base, Some(&few)), Some([1.0, 2.0, 3.0]));
         assert_eq!(known.of(&mirrors, &base, None), Some([4.0; 3]));
         assert_eq!(known.of(&bare, &base, Some(&few)), None);
         // The still picture keeps what is fixed, so its errors are others.
-        assert_eq!(known.of(&Kind::new(&base, true, &["view.resolution".to_owned()]), &base, Some(&few)), None);
+        assert_eq!(known.of(&Kind::new(&base, &base, true, &["view.resolution".to_owned()]), &base, Some(&few)), None);
         let mut other = base.clone();
         other.gi.vpls = 128;
         assert_eq!((known.of(&mirrors, &other, Some(&few)), known.of(&mirrors, &other, None)), (None, None));

@@ -246,7 +246,7 @@ impl Explored {
         let shown = Shown::read(search.hands.renderer, camera, &base, of_base)?;
         let changes = changes_of(settings, &base, fixed, work.mirrors > 0.0, light_counts && work.lights > 0.0);
         let stills = Stills::new(settings, fixed, size);
-        let kind = Kind::new(settings, work.mirrors > 0.0, fixed);
+        let kind = Kind::new(settings, &base, work.mirrors > 0.0, fixed);
         let is_fixed = fixed.iter().any(|key| key == METHOD);
         let mut choice = stills.whole.clone();
         choice.reflection.own_methods = base.reflection.own_methods;
