@@ -36,11 +36,11 @@ pub enum Second {
     File(String),
 }
 
-/// What the panel shows of comparisons, and the one under way.
+/// What the panel shows of comparisons, and the one under way: which clouds and how, and how far it is.
 #[derive(Default)]
 pub struct Comparisons {
     pub draft: CompareDraft,
-    pub under_way: Option<Arc<Progress>>,
+    pub under_way: Option<(String, Arc<Progress>)>,
     pub last: Option<Compared>,
 }
 

@@ -26,13 +26,13 @@ impl Loaded {
     pub fn compare(&mut self, step: Compare, beside: &mut Beside<'_>) {
         match step {
             Compare::Change(draft) => self.comparisons.draft = *draft,
-            Compare::Stop => self.comparisons.under_way.iter().for_each(|progress| progress.cancel()),
+            Compare::Stop => self.comparisons.under_way.iter().for_each(|(_, progress)| progress.cancel()),
             Compare::Start if self.comparisons.under_way.is_some() => {
                 beside.outside.note(text!("Clouds are being compared already"));
             }
             Compare::Start => match self.comparing(beside) {
                 Ok(comparing) => {
-                    self.comparisons.under_way = Some(comparing.progress.clone());
+                    self.comparisons.under_way = Some((comparing.what.clone(), comparing.progress.clone()));
                     beside.outside.work(Work::Compare(Box::new(comparing)));
                 }
                 Err(problem) => beside.outside.say(Level::Error, problem),

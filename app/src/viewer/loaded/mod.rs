@@ -22,6 +22,7 @@ use glam::DVec3;
 use scene::{CloudSettings, Mirror, MirrorPoints};
 use world::{CloudKey, Input, Mailbox};
 
+use crate::shared::language::text;
 use crate::viewer::frames::Frames;
 use crate::viewer::jobs::comparisons::Comparisons;
 use crate::viewer::jobs::ghosts::Ghosts;
@@ -68,6 +69,25 @@ pub struct Loaded {
 pub struct Writing {
     pub path: PathBuf,
     pub progress: Arc<Progress>,
+}
+
+/// Work in the background that ends with the program, and whose result is lost then.
+pub struct Running<'a> {
+    what: String,
+    pub progress: &'a Arc<Progress>,
+}
+
+impl Running<'_> {
+    /// How far it is, from 0 to 1.
+    pub fn share(&self) -> f32 {
+        (self.progress.done() as f32 / self.progress.total().max(1) as f32).min(1.0)
+    }
+}
+
+impl std::fmt::Display for Running<'_> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{} ({:.0} %)", self.what, (self.share() * 100.0).floor())
+    }
 }
 
 /// The parts of the session that change together with what is loaded, or that decide about it.
@@ -138,6 +158,21 @@ impl Loaded {
         let chunk = self.cloud(picked.chunk.cloud)?.chunk(picked.chunk.part)?;
         let normal = *chunk.normals.as_ref()?.get(picked.index)?;
         Some(cloud::unpack_normal(normal)?.as_dvec3())
+    }
+
+    /// The file that is being written, the comparison and the search for ghosts, those of them that are under way.
+    pub fn running(&self) -> Vec<Running<'_>> {
+        let writing = self.writing.as_ref().map(|Writing { path, progress }| {
+            let name = path.file_name().unwrap_or(path.as_os_str());
+            Running { what: text!("{name} is being saved", name = name.display()), progress }
+        });
+        let comparison = self.comparisons.under_way.as_ref();
+        let comparison =
+            comparison.map(|(what, progress)| Running { what: text!("{what}: being compared", what), progress });
+        let ghosts = self.ghosts.under_way.as_ref();
+        let ghosts = ghosts
+            .map(|progress| Running { what: text!("ghosts are being looked for or put back").to_owned(), progress });
+        writing.into_iter().chain(comparison).chain(ghosts).collect()
     }
 
     /// The words on the command line that would open what is visible.

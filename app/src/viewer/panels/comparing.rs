@@ -203,7 +203,7 @@ fn distances(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         actions.push(Action::Compare(Compare::Change(Box::new(draft))));
     }
     match &loaded.comparisons.under_way {
-        Some(progress) => {
+        Some((_, progress)) => {
             ui.horizontal(|ui| {
                 progress_bar(ui, progress.done() as f32 / progress.total().max(1) as f32);
                 if ui.button(text!("Stop")).clicked() {

@@ -1,9 +1,13 @@
 //! The questions about unsaved work: what to do with it before it would be lost, or where another program has changed its
-//! file, and whether to restore what a program has left that ended before it was saved.
+//! file, and whether to restore what a program has left that ended before it was saved. Work that runs is asked about in
+//! the same way before the program ends.
+
+use std::time::Duration;
 
 use egui::{Key, RichText};
 
 use crate::shared::language::text;
+use crate::viewer::loaded::Running;
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::requests::action::{Action, Filing};
@@ -13,7 +17,16 @@ use crate::viewer::session::document::Leaving;
 /// Draws the question that waits for an answer, if there is one.
 pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action>) {
     if let Some(leaving) = &session.document.asked {
-        unsaved(context, session, leaving, actions);
+        let running = if *leaving == Leaving::Quit { session.loaded.running() } else { Vec::new() };
+        // Work that was asked about may be done by now.
+        if *leaving == Leaving::Quit && !session.is_unsaved() {
+            ends_work(context, &running, actions);
+        } else {
+            unsaved(context, session, leaving, &running, actions);
+        }
+        if !running.is_empty() {
+            context.request_repaint_after(Duration::from_millis(200));
+        }
     } else if session.document.asks_to_replace {
         changed(context, session, actions);
     } else {
@@ -21,7 +34,45 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     }
 }
 
-fn unsaved(context: &egui::Context, session: &Session, leaving: &Leaving, actions: &mut Vec<Action>) {
+/// Says what runs and ends with the program.
+fn list(ui: &mut egui::Ui, running: &[Running<'_>]) {
+    for work in running {
+        ui.label(text!("{work}. It is stopped if glint ends now, and nothing is kept of it.", work));
+    }
+}
+
+/// Asks whether to end work that runs.
+fn ends_work(context: &egui::Context, running: &[Running<'_>], actions: &mut Vec<Action>) {
+    egui::Modal::new(egui::Id::unique("unsaved")).show(context, |ui| {
+        ui.set_max_width(420.0);
+        ui.heading(text!("Close glint?"));
+        list(ui, running);
+        if running.is_empty() {
+            ui.label(text!("Nothing runs any more, and nothing is unsaved."));
+        }
+        ui.add_space(8.0);
+        ui.horizontal(|ui| {
+            let stay = ui.button(text!("Keep open"));
+            if ui.memory(|memory| memory.focused().is_none()) {
+                stay.request_focus();
+            }
+            let close = if running.is_empty() { text!("Close") } else { text!("Stop it and close") };
+            let closes = ui.button(close).clicked();
+            let stays = stay.clicked() || ui.input(|input| input.key_pressed(Key::Escape));
+            let answers = [(closes, Filing::Discard), (stays, Filing::Stay)];
+            let given = answers.into_iter().find(|(is_given, _)| *is_given);
+            actions.extend(given.map(|(_, answer)| Action::File(answer)));
+        });
+    });
+}
+
+fn unsaved(
+    context: &egui::Context,
+    session: &Session,
+    leaving: &Leaving,
+    running: &[Running<'_>],
+    actions: &mut Vec<Action>,
+) {
     let before = match leaving {
         Leaving::Quit => text!("before glint ends"),
         Leaving::Open(_) | Leaving::Restore => text!("before it makes room for another"),
@@ -33,6 +84,7 @@ fn unsaved(context: &egui::Context, session: &Session, leaving: &Leaving, action
         let name = session.document.place.as_ref().map(|place| place.display().to_string());
         let name = name.as_deref().map_or(text!("This scene, which has no file yet,"), short_name);
         ui.label(text!("{name} has changes that are not saved. Save them {before}?", name, before));
+        list(ui, running);
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             let save = ui.button(text!("Save"));
@@ -129,6 +181,7 @@ mod tests {
 
     use super::*;
     use crate::viewer::interface;
+    use crate::viewer::loaded::Writing;
     use crate::viewer::requests::outside::{Asked, Effect};
     use crate::viewer::requests::work::Work;
 
@@ -152,6 +205,57 @@ mod tests {
         let effects = &harness.state().outside.effects;
         let asks_place = effects.iter().any(|effect| matches!(effect, Effect::AskPlace(Asked::Scene, _)));
         assert!(asks_place, "a scene without a file asks for its place");
+    }
+
+    #[test]
+    fn work_that_runs_is_named_before_glint_ends_and_each_button_answers() {
+        let mut harness = Harness::builder().with_size([800.0, 600.0]).with_max_steps(16).build_ui_state(
+            |ui, session: &mut Session| {
+                session.show_and_act(|session, actions| show(ui.ctx(), session, actions));
+            },
+            Session::with_two_points(),
+        );
+        let progress = |done| {
+            let progress = std::sync::Arc::new(cloud::Progress::default());
+            progress.set_total(5);
+            progress.add(done);
+            progress
+        };
+        let says = |harness: &Harness<'_, Session>, text: &str| harness.query_by_label_contains(text).is_some();
+        let writing = Writing { path: "/scans/big3.csv".into(), progress: progress(2) };
+        harness.state_mut().loaded.writing = Some(writing);
+        harness.state_mut().act(Action::Quit);
+        harness.run_steps(2);
+        assert!(!harness.state().wants_to_quit && says(&harness, "big3.csv is being saved (40 %). It is stopped"));
+        harness.get_by_label("Keep open").click();
+        harness.run_steps(2);
+        let session = harness.state_mut();
+        assert!(
+            !session.document.asks() && !session.wants_to_quit && !session.loaded.running()[0].progress.is_cancelled()
+        );
+        // Where a scene is unsaved as well, one question names both.
+        session.loaded.comparisons.under_way = Some(("a to b, M3C2".into(), progress(1)));
+        session.act(Action::AddMirror(scene::Shape::Sphere));
+        session.act(Action::Quit);
+        harness.run_steps(2);
+        assert!(says(&harness, "has changes that are not saved") && says(&harness, "big3.csv is being saved (40 %)"));
+        assert!(says(&harness, "a to b, M3C2: being compared (20 %)"));
+        harness.get_by_label("Cancel").click();
+        harness.run_steps(2);
+        harness.state_mut().act(Action::Undo);
+        harness.state_mut().act(Action::Quit);
+        harness.run_steps(2);
+        assert!(says(&harness, "Close glint?") && !says(&harness, "has changes that are not saved"));
+        // What was asked about ends by itself.
+        let loaded = &mut harness.state_mut().loaded;
+        (loaded.writing, loaded.comparisons.under_way) = (None, None);
+        harness.run_steps(2);
+        assert!(says(&harness, "Nothing runs any more"));
+        harness.state_mut().loaded.comparisons.under_way = Some(("a to b, M3C2".into(), progress(1)));
+        harness.run_steps(2);
+        harness.get_by_label("Stop it and close").click();
+        harness.run_steps(2);
+        assert!(harness.state().wants_to_quit);
     }
 
     #[test]

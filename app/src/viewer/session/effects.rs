@@ -110,15 +110,12 @@ impl Effects {
             job.progress.cancel();
             job.mailbox.end();
         }
-        let writing = session.loaded.writing.as_ref().map(|writing| &writing.progress);
-        let comparison = session.loaded.comparisons.under_way.as_ref();
-        let others = [comparison, session.loaded.ghosts.under_way.as_ref()];
-        writing.iter().chain(others.iter().flatten()).for_each(|progress| progress.cancel());
+        let running = session.loaded.running();
+        running.iter().for_each(|work| work.progress.cancel());
         let start = Instant::now();
         let is_over = |job: &JobEntry| Arc::strong_count(&job.mailbox) == 1;
         let is_at_rest = || {
-            let is_done = |progress: &&Arc<Progress>| Arc::strong_count(progress) == 1;
-            session.loaded.jobs.iter().all(is_over) && writing.iter().chain(others.iter().flatten()).all(is_done)
+            session.loaded.jobs.iter().all(is_over) && running.iter().all(|work| Arc::strong_count(work.progress) == 1)
         };
         while !is_at_rest() && start.elapsed() < CLOSING_TIME {
             std::thread::sleep(Duration::from_millis(5));

@@ -97,10 +97,15 @@ impl Session {
         self.first_look.is_none() && self.document.is_unsaved(&self.scene, &self.loaded)
     }
 
-    /// Does what would lose unsaved work, or asks first.
+    /// Does what would lose unsaved work, or end work that runs, or asks first.
     pub(super) fn leave(&mut self, leaving: Leaving) {
+        let ends_work = leaving == Leaving::Quit && !self.loaded.running().is_empty();
+        self.leave_or_ask(leaving, ends_work);
+    }
+
+    fn leave_or_ask(&mut self, leaving: Leaving, ends_work: bool) {
         self.scene.history.settle(&self.scene.settings, &self.scene.objects);
-        if self.is_unsaved() && self.fatal.is_none() {
+        if (ends_work || self.is_unsaved()) && self.fatal.is_none() {
             self.outside.log(json!({ "event": "asked" }));
             self.document.asked = Some(leaving);
         } else {
@@ -341,7 +346,8 @@ impl Session {
             Found::SceneSaved { path, result } => {
                 let then = self.document.on_saved(&path, &result, &mut self.preferences, &mut self.outside);
                 self.outside.scene_saved(&path, result.map(drop));
-                then.into_iter().for_each(|leaving| self.leave(leaving));
+                // The question before has named the work that runs.
+                then.into_iter().for_each(|leaving| self.leave_or_ask(leaving, false));
             }
             Found::SceneChanged { path } => self.document.on_changed(&path, &mut self.outside),
             Found::Kept(result) => self.document.on_kept(result, &mut self.outside),
