@@ -15,6 +15,7 @@ use crate::viewer::look::widgets::{progress_bar, progress_text, time_left};
 use crate::viewer::objects::clouds::JobEntry;
 use crate::viewer::panels;
 use crate::viewer::requests::action::Action;
+use crate::viewer::requests::bindings;
 use crate::viewer::requests::messages::Level;
 use crate::viewer::session::Session;
 use crate::viewer::tools::clips::PRISM_HINT;
@@ -100,6 +101,12 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             progress_bar(ui, (so_far / all) as f32);
         }
         ui.ctx().request_repaint_after(Duration::from_millis(250));
+    }
+    for work in session.loaded.running() {
+        let help = bindings::shortcut(&Action::StopLoading);
+        ui.label(RichText::new(work.to_string()).color(theme::WEAK)).on_hover_text(text!("{key} stops it", key = help));
+        progress_bar(ui, work.share());
+        ui.ctx().request_repaint_after(Duration::from_millis(100));
     }
     if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
         if job_progress(ui, session, job) {
@@ -320,6 +327,29 @@ mod tests {
         harness.state_mut().scene.objects.measurements.clear();
         harness.run_steps(2);
         assert!(!waits(&harness));
+    }
+
+    #[test]
+    fn a_save_and_a_comparison_show_how_far_they_are_until_the_key_that_stops_work() {
+        let mut session = Session::with_two_points();
+        session.adapter = Some("any".into());
+        let progress = std::sync::Arc::new(cloud::Progress::default());
+        progress.set_total(5);
+        progress.add(2);
+        let path = "/scans/big3.csv".into();
+        session.loaded.writing = Some(crate::viewer::loaded::Writing { path, progress: progress.clone() });
+        let comparison = std::sync::Arc::new(cloud::Progress::default());
+        session.loaded.comparisons.under_way = Some(("a to b, M3C2".into(), comparison.clone()));
+        let mut harness = Harness::builder().with_size([1100.0, 28.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_steps(2);
+        for text in ["big3.csv is being saved (40 %)", "a to b, M3C2: being compared (0 %)"] {
+            assert!(harness.query_by_label(text).is_some(), "{text}");
+        }
+        harness.state_mut().act(Action::StopLoading);
+        assert!(progress.is_cancelled() && comparison.is_cancelled());
     }
 
     #[test]

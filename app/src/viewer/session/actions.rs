@@ -78,7 +78,10 @@ impl Session {
             Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
             Action::Ghosts(step) => self.with_loaded(|loaded, beside| loaded.ghost(step, beside)),
             Action::Kept(step) => self.act_kept(step),
-            Action::StopLoading => self.with_loaded(Loaded::stop_loading),
+            Action::StopLoading => {
+                self.loaded.running().iter().for_each(|work| work.progress.cancel());
+                self.with_loaded(Loaded::stop_loading);
+            }
             Action::ShowCloud(key, on) => self.with_loaded(|loaded, beside| loaded.set_visible(key, on, beside)),
             Action::ChangeCloud(key, own) => self.with_loaded(|loaded, beside| loaded.set_own(key, *own, beside)),
             Action::RemoveCloud(key) if self.loaded.clouds.len() > 1 => self.remove_cloud(key),
