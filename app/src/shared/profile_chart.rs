@@ -28,6 +28,8 @@ pub struct Series {
     pub dots: Vec<Dot>,
     /// How many points there are, of which some may have no dot.
     pub total: u64,
+    /// Whether the files may have more points there, which are not loaded.
+    pub is_thinned: bool,
 }
 
 /// The units along the line of a profile and of its heights.
@@ -176,7 +178,8 @@ fn chart(series: &[Series], units: AxisUnits, most: usize) -> (Vec<Shape>, [u32;
         [one] => one.name.clone(),
         several => format!("{} profiles", several.len()),
     };
-    drawn.push(words((left, title * 0.5), format!("{name}: {count} points"), Anchor::Start));
+    let points = if series.iter().any(|one| one.is_thinned) { "loaded points" } else { "points" };
+    drawn.push(words((left, title * 0.5), format!("{name}: {count} {points}"), Anchor::Start));
     // The list of names begins below the title.
     drawn.extend(listed.into_iter().map(|shape| match shape {
         Shape::Disc { center: (x, y), radius, color, is_filled } => {
@@ -229,7 +232,7 @@ mod tests {
     }
 
     fn one(name: &str, dots: Vec<Dot>, total: u64) -> Vec<Series> {
-        vec![Series { name: name.into(), dots, total }]
+        vec![Series { name: name.into(), dots, total, is_thinned: false }]
     }
 
     fn discs(drawn: &[Shape]) -> Vec<(f64, f64)> {
@@ -279,6 +282,15 @@ mod tests {
         let (nothing, _) = chart(&one("empty", Vec::new(), 0), NONE, 300);
         assert_eq!(discs(&nothing).len(), 0);
         assert!(shapes::png(&nothing, size).is_ok());
+    }
+
+    #[test]
+    fn a_chart_of_the_points_that_are_loaded_says_so() {
+        let mut series = one("slope", slope(100), 100);
+        series[0].is_thinned = true;
+        let (drawn, size) = chart(&series, NONE, 300);
+        let text = shapes::svg(&drawn, size).unwrap();
+        assert!(text.contains("slope: 100 loaded points"), "{text:.300}");
     }
 
     #[test]

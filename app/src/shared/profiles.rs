@@ -414,7 +414,12 @@ impl Table {
                 dots[*section].extend(places.iter().zip(colors_of(cloud, chunk, &plan, *up)).map(dot));
             }
         }
-        let series = |(name, dots): (&String, Vec<Dot>)| Series { name: name.clone(), total: dots.len() as u64, dots };
+        let series = |(name, dots): (&String, Vec<Dot>)| Series {
+            name: name.clone(),
+            total: dots.len() as u64,
+            dots,
+            is_thinned: false,
+        };
         let series: Vec<Series> = self.sections.iter().zip(dots).map(series).collect();
         profile_chart::write(output, &series, self.axis_units())
     }

@@ -34,7 +34,15 @@ pub enum ProfileWork {
         test: PointTest,
     },
     /// Writes the chart of the points that were found: those of the profile of this name, and of others behind it.
-    Draw { path: PathBuf, name: String, slice: Arc<Slice>, others: Arc<Vec<(String, Slice)>>, units: AxisUnits },
+    Draw {
+        path: PathBuf,
+        name: String,
+        slice: Arc<Slice>,
+        others: Arc<Vec<(String, Slice)>>,
+        units: AxisUnits,
+        /// Whether there are points that are not loaded.
+        is_thinned: bool,
+    },
     /// Writes the points of the files themselves.
     Write {
         path: PathBuf,
@@ -87,10 +95,10 @@ impl ProfileWork {
                 let behind = |other: Profile| Some((other.name.clone(), cut(&other, up, &clouds, &test, most).ok()?));
                 ProfileFound::Cut { id, slice, others: others.into_iter().filter_map(behind).collect() }
             }
-            Self::Draw { path, name, slice, others, units } => {
+            Self::Draw { path, name, slice, others, units, is_thinned } => {
                 let series = |name: &str, slice: &Slice| {
                     let dots = slice.points.iter().map(|point| point.dot).collect();
-                    Series { name: name.to_owned(), dots, total: slice.total }
+                    Series { name: name.to_owned(), dots, total: slice.total, is_thinned }
                 };
                 let behind = others.iter().map(|(name, slice)| series(name, slice));
                 let all: Vec<Series> = std::iter::once(series(&name, &slice)).chain(behind).collect();

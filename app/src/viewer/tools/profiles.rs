@@ -162,7 +162,8 @@ impl Profiles {
             };
             let (slice, others) = (slice.clone(), self.others.clone());
             let units = axis_units(&units(loaded), scene.up(&loaded.clouds));
-            ProfileWork::Draw { path, name: profile.name, slice, others, units }
+            let is_thinned = loaded.clouds.iter().any(|entry| entry.is_visible && entry.is_partly_loaded());
+            ProfileWork::Draw { path, name: profile.name, slice, others, units, is_thinned }
         } else {
             let (inputs, own, test) = (loaded.inputs(), scene.objects.all_own(), scene.objects.test());
             let profiles = std::iter::once(profile).chain(self.behind(scene).cloned()).collect();
