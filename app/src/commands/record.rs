@@ -257,6 +257,8 @@ impl Recording<'_> {
         let mut request = request.clone();
         let mut settings = recording::settings(&mut request).clone();
         let mut fixed = chosen::fixed(&self.arguments.set, &settings);
+        // The pictures themselves warn of what their labels show.
+        settings.overlay.labels = false;
         // Pictures of a recording are those of the window, which are not enlarged.
         fixed.push("view.resolution".to_owned());
         let size = self.averaging.drawn_size(self.arguments.size);

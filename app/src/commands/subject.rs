@@ -26,7 +26,8 @@ use crate::commands::recording;
 use crate::commands::surface_error::{self, SurfaceErrors};
 use crate::overlays::Facts;
 use crate::overlays::labels::Mark;
-use crate::shared::{export, measuring};
+use crate::shared::export;
+use crate::shared::measuring::{self, ROUGH_LABELS, are_of_loaded};
 use crate::system::failure::{FAILED, UNUSABLE, usage};
 use crate::system::interrupt;
 use crate::system::progress_bar::{self, Bar};
@@ -250,15 +251,21 @@ fn classes(cloud: &Cloud) -> impl Iterator<Item = u8> + use<> {
 fn marks(request: &Request, clouds: &[Assembly], up: DVec3, test: &PointTest, units: &codec::Units) -> Vec<Mark> {
     let with_parts = |loaded: &Assembly| (loaded.cloud.clone(), loaded.loaded_parts());
     let measured: Vec<&Measurement> = request.measurements().filter(|measurement| measurement.on).collect();
+    let mut is_rough = false;
     let mark = |measurement: &Measurement| {
         let figures = measuring::of_clouds(measurement, up, clouds.iter().map(with_parts).collect(), test);
+        is_rough |= figures.as_ref().is_ok_and(|figures| are_of_loaded(figures));
         Mark::of_measurement(measurement, Some(&figures), units)
     };
     let note = |mark: &Object| if let Object::Note(note) = mark { note.on.then(|| Mark::of_note(note)) } else { None };
     let notes = request.marks.iter().filter_map(note);
     let profiles = request.profiles().filter(|profile| profile.on);
     let profiles = profiles.map(|profile| Mark::of_profile(profile, up));
-    measured.into_iter().map(mark).chain(notes).chain(profiles).collect()
+    let marks = measured.into_iter().map(mark).chain(notes).chain(profiles).collect();
+    if is_rough {
+        terminal::warn([ROUGH_LABELS]);
+    }
+    marks
 }
 
 /// Reads the columns that filters test and that are not in memory.

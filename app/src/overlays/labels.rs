@@ -8,7 +8,8 @@ use glam::DVec3;
 use scene::{Measurement, MeasurementKind, Note, Profile};
 
 use super::ground::SHADOW;
-use crate::shared::measuring::{Figure, Outcome};
+use crate::shared::language::text;
+use crate::shared::measuring::{Figure, OF_SQUARE_DEGREES, Outcome, are_of_loaded};
 
 /// The number of pieces of a circle.
 const RING_STEPS: u32 = 48;
@@ -44,7 +45,11 @@ impl Mark {
     pub fn of_measurement(measurement: &Measurement, figures: Option<&Outcome>, units: &Units) -> Self {
         let values = figures.and_then(|figures| figures.as_ref().ok()).map_or(String::new(), |figures| {
             let main = figures.iter().take(Figure::main_ones(measurement.kind));
-            main.map(|figure| figure.short(units)).collect::<Vec<_>>().join("  ")
+            if are_of_loaded(figures) {
+                let values = main.map(|figure| rough(figure, units)).collect::<Vec<_>>().join("  ");
+                return text!("{values} of loaded points", values);
+            }
+            main.map(|figure| short(figure, units)).collect::<Vec<_>>().join("  ")
         });
         let text = format!("{}  {values}", measurement.name);
         Self { drawn: Drawn::Measurement(measurement.clone()), text, is_selected: false }
@@ -94,6 +99,31 @@ impl Mark {
             Drawn::Note(note) => Some((note.position, of(note.color))),
             Drawn::Profile(profile, _) => Some((*profile.line.first()?, of(profile.color))),
         }
+    }
+}
+
+/// The value with its unit, without its interval.
+fn short(figure: &Figure, units: &Units) -> String {
+    let text = figure.text(units);
+    match text.split_once(" ± ") {
+        Some((value, _)) => with_unit(value, figure, units),
+        None => text,
+    }
+}
+
+/// The value with its unit where it is of a thinned choice of the points: three digits, of which the last may be wrong.
+fn rough(figure: &Figure, units: &Units) -> String {
+    let value: f64 = format!("{:.2e}", figure.value).parse().unwrap_or(figure.value);
+    let digits = if value == 0.0 { 0.0 } else { 2.0 - value.abs().log10().floor() };
+    let decimals = digits.clamp(0.0, OF_SQUARE_DEGREES as f64) as usize;
+    with_unit(&format!("≈ {value:.decimals$}"), figure, units)
+}
+
+fn with_unit(value: &str, figure: &Figure, units: &Units) -> String {
+    match figure.unit(units) {
+        Some(unit) if unit == "°" => format!("{value}{unit}"),
+        Some(unit) => format!("{value} {unit}"),
+        None => value.to_owned(),
     }
 }
 
@@ -249,6 +279,7 @@ mod tests {
     use egui::pos2;
 
     use super::*;
+    use crate::shared::measuring::{LOADED_POINTS, Quantity};
 
     /// A camera that sees places with a z above 0, each at its x and y.
     fn place(world: DVec3) -> Option<Pos2> {
@@ -266,6 +297,35 @@ mod tests {
             assert_eq!(from, pos2(0.0, 0.0));
             assert!(to.x <= 2.0 && to.distance(pos2(2.0, 1.0)) < 0.01, "{to}");
         }
+    }
+
+    #[test]
+    fn values_of_loaded_points_are_rough_and_say_what_they_are_of() {
+        let figure = |name, quantity, value, deviation| Figure { name, quantity, value, deviation };
+        let volume = Measurement {
+            name: "vol".into(),
+            kind: MeasurementKind::Volume,
+            on: true,
+            color: [1.0; 3],
+            points: vec![DVec3::ZERO, DVec3::X, DVec3::Y],
+            reach: None,
+            level: None,
+        };
+        let metres = Units { level: Some(codec::Unit::Metre), height: Some(codec::Unit::Metre) };
+        let text = |points, value, deviation| {
+            let count = figure(points, Quantity::Count, 1000.0, None);
+            let figures = Ok(vec![figure("volume", Quantity::Volume, value, deviation), count]);
+            Mark::of_measurement(&volume, Some(&figures), &metres).text
+        };
+        for (value, expected) in [
+            (-64464.7233, "vol  ≈ -64500 m³ of loaded points"),
+            (0.0123456, "vol  ≈ 0.0123 m³ of loaded points"),
+            (9.999, "vol  ≈ 10.0 m³ of loaded points"),
+            (0.0, "vol  ≈ 0 m³ of loaded points"),
+        ] {
+            assert_eq!(text(LOADED_POINTS, value, None), expected);
+        }
+        assert_eq!(text("points", -68633.0, Some(44.0)), "vol  -68633 m³");
     }
 
     #[test]

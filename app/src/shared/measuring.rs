@@ -23,8 +23,11 @@ const MOST_DECIMALS: usize = 9;
 /// The name of the number of points of a fit or a volume, and its name where the cloud has more, which are not loaded.
 const POINTS: &str = english!("points");
 pub const LOADED_POINTS: &str = english!("loaded points");
+/// What is said of pictures whose labels show values of loaded points.
+pub const ROUGH_LABELS: &str =
+    "labels are of loaded points where the files have more of them; `glint measure` measures all";
 /// The decimals of areas in square degrees: the last one is a hundredth of a square metre.
-const OF_SQUARE_DEGREES: usize = 12;
+pub const OF_SQUARE_DEGREES: usize = 12;
 
 /// What kind of number a figure is, which decides its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,17 +120,6 @@ impl Figure {
         }
     }
 
-    /// The value with its unit, without its interval, for labels.
-    pub fn short(&self, units: &Units) -> String {
-        let text = self.text(units);
-        match (text.split_once(" ± "), self.unit(units)) {
-            (Some((value, _)), Some(unit)) if unit == "°" => format!("{value}{unit}"),
-            (Some((value, _)), Some(unit)) => format!("{value} {unit}"),
-            (Some((value, _)), None) => value.to_owned(),
-            (None, _) => text,
-        }
-    }
-
     /// The value for people, with as many decimals as it deserves, its interval of 95 % and its unit.
     pub fn text(&self, units: &Units) -> String {
         if self.quantity == Quantity::Count {
@@ -189,6 +181,11 @@ pub fn point_error(place: DVec3, sight: DVec3, cloud: Cloud, bounds: Vec<Bounds>
     let along = cloud::error_along(across, scatter.normal, sight);
     let error = PointError { across, sight: along, place, scatter, reach, is_thinned: false };
     across.is_finite().then_some(error)
+}
+
+/// Whether figures are of loaded points, where the cloud has more.
+pub fn are_of_loaded(figures: &[Figure]) -> bool {
+    figures.iter().any(|figure| figure.name == LOADED_POINTS)
 }
 
 /// What lengths across and along the axis that points up are, and areas across it. Only where z points up, they are those

@@ -17,6 +17,7 @@ use world::{Event, Request, StreamStats};
 
 use self::wiped::StatePicture;
 use crate::overlays::{self, Facts};
+use crate::shared::measuring::ROUGH_LABELS;
 use crate::system::failure::{FAILED, UNUSABLE};
 use crate::system::interrupt;
 use crate::system::peak_memory::host_peak_bytes;
@@ -54,6 +55,8 @@ pub struct Headless {
     made: Vec<StatePicture>,
     /// How many pixels across are drawn for one of the final picture.
     pub supersample: u32,
+    /// Whether it was said that labels are of loaded points.
+    is_rough: bool,
 }
 
 /// What is drawn over a picture.
@@ -136,6 +139,7 @@ impl Headless {
             states: Vec::new(),
             made: Vec::new(),
             supersample: 1,
+            is_rough: false,
         };
         headless.do_effects();
         Ok(headless)
@@ -310,8 +314,10 @@ impl Headless {
             let is_quiet = self.session.outside.effects.is_empty();
             self.do_effects();
             self.tell_messages(bar);
-            if let Some(request) = self.session.still_frame().filter(|_| self.marks_are_known()) {
-                return Ok(Some(request.clone()));
+            let request = self.session.still_frame().filter(|_| self.marks_are_known()).cloned();
+            if request.is_some() {
+                self.warn_of_rough_labels(bar);
+                return Ok(request);
             }
             if self.session.loaded.is_loading() {
                 self.show_loading(bar);
@@ -333,6 +339,16 @@ impl Headless {
     fn marks_are_known(&self) -> bool {
         let Session { scene, tools, .. } = &self.session;
         !scene.settings.overlay.labels || tools.measurements.are_known(scene)
+    }
+
+    /// Says once that labels are of points of which the files have more.
+    fn warn_of_rough_labels(&mut self, bar: &Bar) {
+        let Session { scene, tools, outside, .. } = &mut self.session;
+        let is_rough = scene.settings.overlay.labels && tools.measurements.are_of_loaded(scene);
+        if is_rough && !std::mem::replace(&mut self.is_rough, true) {
+            outside.warning(ROUGH_LABELS);
+            self.tell_messages(bar);
+        }
     }
 
     /// Hands news of other threads to the session. A failure of the renderer is an error; the failure of an input only

@@ -4,7 +4,7 @@ use egui::{RichText, Ui};
 use scene::{Measurement, MeasurementKind, Note, Object};
 
 use crate::shared::language::{text, translated};
-use crate::shared::measuring::{Figure, LOADED_POINTS};
+use crate::shared::measuring::{Figure, are_of_loaded};
 use crate::viewer::look::theme;
 use crate::viewer::look::widgets::{eye, name_label, number_field};
 use crate::viewer::objects::{ObjectId, PlacedMeasurement, PlacedNote};
@@ -190,7 +190,7 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
                      and hidden classes may hide them."
                 ));
             }
-            if figures.iter().any(|figure| figure.name == LOADED_POINTS) {
+            if are_of_loaded(figures) {
                 let text = text!("no ±: only a choice of the points here is loaded; `glint measure` reads all");
                 ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(text!(
                     "Of each cell of space the point nearest to its middle is loaded first. Noise has a part in that \

@@ -11,7 +11,7 @@ use serde_json::json;
 use world::CloudKey;
 
 use crate::shared::language::{text, translated};
-use crate::shared::measuring::{Figure, Outcome, of_corners};
+use crate::shared::measuring::{Figure, Outcome, are_of_loaded, of_corners};
 use crate::viewer::loaded::Loaded;
 use crate::viewer::objects::clouds::CloudEntry;
 use crate::viewer::objects::{ObjectId, PlacedMeasurement};
@@ -161,6 +161,12 @@ impl Measurements {
     /// The values of a measurement, once they are known.
     pub fn figures(&self, id: ObjectId) -> Option<&Outcome> {
         self.known.get(&id).map(|known| &known.figures)
+    }
+
+    /// Whether a value that is drawn is of loaded points, where the cloud has more.
+    pub fn are_of_loaded(&self, scene: &Scene) -> bool {
+        let mut drawn = scene.objects.measurements.iter().filter(|placed| placed.measurement.on);
+        drawn.any(|placed| matches!(self.figures(placed.id), Some(Ok(figures)) if are_of_loaded(figures)))
     }
 
     /// Whether the values of all measurements that are drawn are known for what is shown now, after a `sync`.
