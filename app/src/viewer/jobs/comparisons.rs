@@ -94,7 +94,8 @@ pub struct Comparison {
 
 pub struct Outcome {
     pub measured: Measured,
-    pub output: Option<Written>,
+    /// The new file for a streamed cloud, or why it could not be written.
+    pub output: Option<Result<Written, String>>,
     pub warnings: Vec<String>,
 }
 
@@ -164,16 +165,21 @@ impl Comparing {
             return Ok(None);
         };
         let [distance, level] = COMPARED.map(|name| free_name(first.sources(), name));
-        if let Some(path) = &output {
-            let distances = std::mem::take(&mut measured.distances);
-            let mut added = vec![Added::new(distance.clone(), distances)];
-            added.extend(measured.levels.take().map(|values| Added::new(level, values)));
-            let memory = half_of(settings.stream.host_bytes);
-            let written = codec::export(first.sources(), first.wanted(), &added, path, memory, &progress);
-            let Some(written) = written.map_err(|error| error.to_string())? else { return Ok(None) };
-            warnings.extend(written.changes.into_iter().chain(written.warnings).chain(lack(path, written.missing)));
-        }
-        let output = output.map(|path| Written { path, attribute: distance });
+        let Some(path) = output else { return Ok(Some(Outcome { measured, output: None, warnings })) };
+        let distances = std::mem::take(&mut measured.distances);
+        let mut added = vec![Added::new(distance.clone(), distances)];
+        added.extend(measured.levels.take().map(|values| Added::new(level, values)));
+        let memory = half_of(settings.stream.host_bytes);
+        // What was measured is worth knowing even if it cannot be written.
+        let output = match codec::export(first.sources(), first.wanted(), &added, &path, memory, &progress) {
+            Ok(Some(written)) => {
+                let own = written.changes.into_iter().chain(written.warnings);
+                warnings.extend(own.chain(lack(&path, written.missing)));
+                Some(Ok(Written { path, attribute: distance }))
+            }
+            Ok(None) => return Ok(None),
+            Err(error) => Some(Err(error.to_string())),
+        };
         Ok(Some(Outcome { measured, output, warnings }))
     }
 }

@@ -13,6 +13,7 @@ use world::CloudKey;
 use crate::shared::comparing::{Measured, Method};
 use crate::shared::export::Place;
 use crate::shared::language::text;
+use crate::system::picture_file;
 use crate::viewer::jobs::comparisons::{CompareDraft, Compared, Comparing, Comparison, Ends, Outcome, Second, Written};
 use crate::viewer::loaded::{Beside, Loaded};
 use crate::viewer::objects::clouds::CloudEntry;
@@ -97,6 +98,8 @@ impl Loaded {
             if path.symlink_metadata().is_ok() {
                 return Err(text!("{path}: a file of this name is there; it is not replaced", path = shown(path)));
             }
+            // Better than after minutes of work.
+            picture_file::check_place(path).map_err(|error| format!("{error:#}"))?;
         }
         let settings = Box::new(beside.scene.settings.clone());
         let objects = &beside.scene.objects;
@@ -134,7 +137,8 @@ impl Loaded {
         beside.outside.note(text!("Compared: {what}", what));
         self.comparisons.last = Some(Compared { what, figures, significant, interval });
         match output {
-            Some(Written { path, attribute }) => self.open_compared(key, &path, &attribute, beside),
+            Some(Ok(Written { path, attribute })) => self.open_compared(key, &path, &attribute, beside),
+            Some(Err(error)) => beside.outside.say(Level::Error, error),
             None => {
                 let lists = std::iter::once(distances).chain(levels).map(|mut lists| lists.pop().unwrap_or_default());
                 let lists: Vec<Runs> = lists.collect();
@@ -398,6 +402,21 @@ mod tests {
         let color = &session.scene.settings.color;
         assert_eq!((color.by, color.attribute.as_str()), (ColorBy::Attribute, "distance"));
         assert!(start(&mut session, |_| {}).is_none(), "a file that is there is not replaced");
+        // A place that cannot be written is refused before the work, and one that is gone after it loses no figures.
+        let nowhere = place("nowhere/distances.laz");
+        assert!(start(&mut session, |draft| draft.output = nowhere.clone()).is_none(), "its folder is missing");
+        let said = |session: &Session| {
+            session.outside.messages.all.last().map(|message| message.text.clone()).unwrap_or_default()
+        };
+        assert!(said(&session).contains("nowhere"), "{}", said(&session));
+        session.loaded.comparisons.last = None;
+        std::fs::create_dir(place("nowhere")).unwrap();
+        let comparing = start(&mut session, |draft| draft.output = nowhere.clone()).unwrap();
+        std::fs::remove_dir(place("nowhere")).unwrap();
+        finish(&mut session, comparing);
+        assert!(session.loaded.comparisons.last.as_ref().is_some_and(|last| last.figures.points == 400));
+        assert!(said(&session).contains("nowhere"), "{}", said(&session));
+        assert!(!session.outside.effects.iter().any(|effect| matches!(effect, Effect::Load { .. })));
         // Without room for the points nothing is written.
         session.scene.settings.stream.host_bytes.0 = 2 * 400 * 70 - 2;
         let second = place("second.laz");
