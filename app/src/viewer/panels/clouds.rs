@@ -76,7 +76,8 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             let strays = strays.map(|(count, kind)| format!("{} {kind}", grouped(count)));
             let noise = noise.map(|noise| text!("noise {noise}", noise = crate::shared::numbers::two_digits(noise)));
             let mut line: Vec<String> = strays.chain(noise).collect();
-            if !line.is_empty() {
+            // Of a streamed cloud that is switched off no points are loaded, and the figures are of those before.
+            if !line.is_empty() && entry.points > 0 {
                 line.extend(entry.is_partly_loaded().then(|| text!("of the loaded points").to_owned()));
                 let quality = ui.label(RichText::new(line.join(" · ")).small().color(theme::WEAK));
                 quality.on_hover_text(text!(
@@ -287,6 +288,9 @@ mod tests {
         harness.state_mut().loaded.clouds[0].expected_points = 2;
         harness.run_ok();
         assert!(harness.query_by_label("1 mixed").is_some(), "all are loaded");
+        harness.state_mut().loaded.clouds[0].points = 0;
+        harness.run_ok();
+        assert!(harness.query_by_label_contains("1 mixed").is_none(), "it is switched off");
     }
 
     #[test]

@@ -42,6 +42,9 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
     if let Some((entry, figures)) = with_ramp {
         let title = legend::title(&figures.plan, &entry.units);
         let dragged = histogram(ui, figures, &title, color.ramp, color.low, color.high);
+        if entry.is_partly_loaded() {
+            ui.label(RichText::new(text!("of the loaded points")).small().color(theme::WEAK));
+        }
         let [low, high] = range_button(ui, session, entry, actions).unwrap_or(dragged.into());
         for (name, before, share) in [("low", color.low, low), ("high", color.high, high)] {
             actions.extend((share != before).then(|| Action::set("color", name, Value::F32(share))));
@@ -324,6 +327,13 @@ mod tests {
         }
         let usual = scene::Color::default();
         assert_eq!(ends(&harness), [usual.low, usual.high]);
+        let says =
+            |harness: &egui_kittest::Harness<'_, Session>| harness.query_by_label("of the loaded points").is_some();
+        assert!(!says(&harness));
+        let entry = &mut harness.state_mut().loaded.clouds[0];
+        (entry.streamed, entry.expected_points) = (Some(Streamed::default()), 12_340);
+        harness.run_steps(2);
+        assert!(says(&harness));
     }
 
     #[test]

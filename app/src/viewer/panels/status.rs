@@ -114,7 +114,10 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
         ui.ctx().request_repaint_after(Duration::from_millis(100));
     } else {
-        let (points, all) = (session.loaded.points(), session.loaded.all_points());
+        // Of streamed clouds that are switched off no points are loaded: all of them are left out.
+        let hidden = session.loaded.clouds.iter().filter(|entry| !entry.is_visible && entry.streamed.is_some());
+        let hidden: u64 = hidden.map(|entry| entry.total() - entry.points).sum();
+        let (points, all) = (session.loaded.points(), session.loaded.all_points() - hidden);
         let shown = shown_points(session);
         let help = text!("The others are hidden by clips, filters or classes, or with their cloud");
         if let Some(shown) = shown.filter(|_| all == points) {
@@ -350,6 +353,24 @@ mod tests {
         }
         harness.state_mut().act(Action::StopLoading);
         assert!(progress.is_cancelled() && comparison.is_cancelled());
+    }
+
+    #[test]
+    fn a_streamed_cloud_that_is_switched_off_counts_among_no_points_that_could_be_loaded() {
+        let mut session = Session::with_two_points();
+        session.adapter = Some("any".into());
+        let entry = &mut session.loaded.clouds[0];
+        (entry.streamed, entry.expected_points) = (Some(Default::default()), 1234);
+        let mut harness = Harness::builder().with_size([1100.0, 28.0]).build_ui_state(
+            |ui, session: &mut Session| session.show_and_act(|session, actions| show(ui, session, actions)),
+            session,
+        );
+        harness.run_steps(2);
+        assert!(harness.query_by_label("2 of 1,234 points loaded").is_some());
+        let entry = &mut harness.state_mut().loaded.clouds[0];
+        (entry.is_visible, entry.points) = (false, 0);
+        harness.run_steps(2);
+        assert!(harness.query_by_label_contains("points loaded").is_none());
     }
 
     #[test]
