@@ -595,3 +595,29 @@ fn ctrl_c_and_signals_end_every_command_and_leave_no_partial_files() {
         }
     }
 }
+
+#[test]
+fn two_interruptions_end_a_program_whose_output_nobody_reads() {
+    let folder = Folder::new();
+    let mut command = folder.command(["methods", "--json"]);
+    command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let mut program = command.spawn().expect("the program starts");
+    // More than a pipe holds, so that it waits for a reader for ever.
+    std::thread::sleep(Duration::from_secs(1));
+    assert!(program.try_wait().expect("a child").is_none(), "all of its output fits into the pipe");
+    for _ in 0..2 {
+        let _ = Command::new("kill").args(["-INT", &program.id().to_string()]).status();
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let pressed = Instant::now();
+    let status = loop {
+        if let Some(status) = program.try_wait().expect("a child") {
+            break status;
+        }
+        if pressed.elapsed() > PATIENCE {
+            let _ = program.kill();
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    assert_eq!(status.code(), Some(130), "after {:?}", pressed.elapsed());
+}
