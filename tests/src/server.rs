@@ -58,6 +58,8 @@ struct Counts {
     bytes: AtomicU64,
     /// Added to ETags: another number says that files have changed.
     version: AtomicU64,
+    /// The number of requests after which it only answers those for the first bytes of files; 0 for no such number.
+    most: AtomicU64,
     asked: Mutex<Vec<Request>>,
     /// When the line is free again.
     busy: Mutex<Option<Instant>>,
@@ -134,6 +136,11 @@ impl Server {
         self.counts.asked.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// After so many requests of all, it only answers those for the first bytes of files; 0 for no such number.
+    pub fn fail_after(&self, requests: u64) {
+        self.counts.most.store(requests, Ordering::Relaxed);
+    }
+
     /// From now on all files have other ETags.
     pub fn change(&self) {
         self.counts.version.fetch_add(1, Ordering::Relaxed);
@@ -164,7 +171,9 @@ fn serve(
 ) -> std::io::Result<()> {
     std::thread::sleep(habits.latency);
     let fails = habits.fails > 0 && request.number.is_multiple_of(habits.fails);
-    if fails && request.number.is_multiple_of(2 * habits.fails) {
+    let most = counts.most.load(Ordering::Relaxed);
+    let is_over = most > 0 && request.number > most && request.range().is_some_and(|(first, _)| first > 0);
+    if is_over || (fails && request.number.is_multiple_of(2 * habits.fails)) {
         return write!(stream, "HTTP/1.1 503 Busy\r\ncontent-length: 0\r\n\r\n");
     }
     let path = request.path.split('?').next().unwrap_or_default().trim_start_matches('/');

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use tests::{Folder, Outcome, lacks_adapter};
+use tests::server::{Habits, Server};
+use tests::{Folder, Outcome, lacks_adapter, test_data};
 
 /// Longer than any step of a run on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(240);
@@ -90,6 +91,46 @@ fn all_nodes_are_there(stats: &serde_json::Value, points: u32) {
     assert_eq!((&stream["settled"], &stream["nodes_missing"]), (&true.into(), &0.into()), "{stats}");
     assert!(stream["nodes"].as_u64().is_some_and(|nodes| nodes > 0), "{stats}");
     assert_eq!(stream["points_total"], points, "{stats}");
+}
+
+#[test]
+fn a_frame_that_lacks_points_of_a_failing_server_is_made_by_the_next_run() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let name = "lone_star_las14_pf6.copc.laz";
+    let server = Server::of_folder(&data.join("copc"), Habits::default());
+    // All that the opening asks for, and of the nodes of the first frame the first one.
+    server.fail_after(19);
+    let address = server.path(name).display().to_string();
+    let common = ["--size", "96x64", "--set", "view.point_budget=100000", "--set", "gi.vpls=16"];
+    let words =
+        ["record", &address, "--path", "turntable", "-o", "turn.gif", "--fps", "1", "--frames", "0..2", "--stats"];
+    let record = || folder.glint_within(PATIENCE, words.iter().chain(&common));
+    let outcome = record();
+    if lacks_adapter(&outcome) {
+        return;
+    }
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    let told = "glint: frame 0 is not made: it lacks points that cannot be read now";
+    assert!(outcome.messages.contains(told) && outcome.text().is_empty(), "{outcome}");
+    assert_eq!(names(&folder.path("turn.frames")), [""; 0]);
+    assert!(!folder.path("turn.gif").exists());
+    // A single picture shows what is there, and says so.
+    server.fail_after(server.requests() + 3);
+    let render = ["render", &address, "-o", "a.png", "--stats", "a.json", "--set", "stream.pages=always"];
+    let outcome = folder.glint_within(PATIENCE, render.iter().chain(&common));
+    assert_eq!(outcome.status, Some(2), "{outcome}");
+    let drawn: serde_json::Value = serde_json::from_slice(&bytes(folder.path("a.json"))).expect("JSON");
+    let stream = &drawn["stream"];
+    assert_eq!(stream["settled"], false, "{drawn}");
+    assert!(["nodes_missing", "points_missing"].iter().all(|key| stream[*key].as_u64() > Some(0)), "{drawn}");
+
+    server.fail_after(0);
+    let outcome = record();
+    assert_eq!((outcome.status, outcome.messages.as_str()), (Some(0), ""), "{outcome}");
+    assert!(outcome.text().starts_with("2 pictures in turn.frames\n"), "{outcome}");
+    let stream = &stats(&folder, "turn.frames", 1)["stream"];
+    assert!(stream["settled"] == true && stream["nodes_missing"] == 0 && stream["points_missing"] == 0, "{stream}");
 }
 
 #[test]

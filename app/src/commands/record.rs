@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use record::{Adapter, Averaging, Description, Folder};
 use render::{Aov, Gpu, Renderer};
 use scene::{Camera, PathPlace, Settings};
@@ -19,7 +19,7 @@ use crate::commands::render::{check_is_made, check_size};
 use crate::commands::subject::{self, LoadedSubject};
 use crate::shared::command_line::RecordArguments;
 use crate::shared::viewpoint::Viewpoint;
-use crate::system::failure::usage;
+use crate::system::failure::{FAILED, usage};
 use crate::system::film::Output;
 use crate::system::progress_bar::{self, Bar};
 use crate::system::{interrupt, picture_file, terminal};
@@ -303,6 +303,9 @@ impl Recording<'_> {
 
     /// Makes these pictures and returns the exit status. `drawn` has the parameters that they are drawn by; `begun` is
     /// what the folder is to say, if it has no pictures yet.
+    ///
+    /// # Errors
+    /// A picture cannot be made or written, or lacks points that may come later; or Ctrl-C.
     fn make(
         &self,
         frames: &[u32],
@@ -335,6 +338,14 @@ impl Recording<'_> {
             bar.set(done as u64, frames.len() as u64);
             let (time, fps) = (self.time(*frame), self.arguments.fps);
             let picture = recorder.frame(time, fps, size, averaging, &self.images, &bar)?;
+            if recorder.is_cut_off() {
+                // A picture that is there is taken as whole by all later runs.
+                let problem = format!(
+                    "frame {frame} is not made: it lacks points that cannot be read now; the same command goes on from \
+                     there once they can be"
+                );
+                return Err(if recorder.status() == FAILED { anyhow!(problem) } else { usage(problem) });
+            }
             let origin = recorder.origin();
             if done == 0 {
                 let names = self.images.iter().map(|image| image.name());

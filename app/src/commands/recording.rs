@@ -360,6 +360,11 @@ impl Recorder {
         self.viewer.stats(time)
     }
 
+    /// Whether pictures lack points, since the opening, that could not be read and may come later.
+    pub fn is_cut_off(&self) -> bool {
+        self.viewer.is_cut_off
+    }
+
     /// Whether the picture that was made last is empty.
     pub fn is_empty(&self) -> bool {
         self.viewer.points_drawn() == 0

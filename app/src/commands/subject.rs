@@ -59,6 +59,9 @@ pub struct StreamReport {
     /// Whether all points that the view needs were loaded, within the budgets.
     pub settled: bool,
     pub nodes: usize,
+    /// The nodes that cannot be read, and their points.
+    pub nodes_missing: usize,
+    pub points_missing: u64,
     pub points_resident: u64,
     pub points_total: u64,
     /// The memory of the decoded points.
@@ -416,8 +419,10 @@ impl Loads {
         let built_index = self.stream.is_some_and(|stream| stream.built_index);
         self.missing_of_view = stats.points_missing;
         self.stream = Some(StreamReport {
-            settled: stats.is_settled,
+            settled: stats.is_settled && stats.nodes_missing == 0,
             nodes: stats.nodes,
+            nodes_missing: stats.nodes_missing,
+            points_missing: stats.points_missing,
             points_resident: stats.points_resident,
             points_total: stats.points_total,
             host_bytes: stats.host_bytes,

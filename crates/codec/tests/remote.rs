@@ -6,6 +6,7 @@ mod copc_lists;
 #[path = "../../../tests/src/real_data.rs"]
 mod real_data;
 #[path = "../../../tests/src/server.rs"]
+#[allow(dead_code, reason = "other tests use the rest of it")]
 mod server;
 
 use std::collections::BTreeSet;

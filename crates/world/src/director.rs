@@ -1,24 +1,24 @@
 //! The thread that streams the clouds of a job: chooses the nodes that the view needs, and reports what has been
 //! loaded.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use cloud::{Bounds, Chunk, Cover, Placement, PointTest};
+use cloud::{Bounds, Chunk, Cover, PointTest};
 use scene::Settings;
 use stream::{
-    Budget, Cut, Missing, Node, NodeChange, NodeId, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted,
-    choose,
+    Budget, Cut, Missing, Node, NodeChange, Octree, Page, PagedCloud, Streamer, Tree, ViewMeasure, Wanted, choose,
 };
 
 use crate::budget::{CUT_PART, half_of, most_points};
 use crate::chunk_key::Part;
-use crate::error::is_of_inputs;
+use crate::error::{is_of_inputs, may_come};
 use crate::event::{Event, IndexEntry, IndexState, StreamStats};
 use crate::lists::{Lists, Said};
 use crate::mailbox::{Arrival, Mailbox, News, StreamRequest, StreamView};
+use crate::streamed_cloud::StreamedCloud;
 use crate::tiles::{Put, SPACINGS, Tiles, first_point_of, number_of, owner_of, part_of};
 
 /// The share of the memory for decoded points that a cut may use: the remainder is for reads in progress and for nodes
@@ -57,66 +57,6 @@ pub struct Director {
     /// Whether nothing is asked for again until the view changes.
     is_stopped: bool,
     reported: (Instant, StreamStats),
-}
-
-/// A cloud that is streamed.
-struct StreamedCloud {
-    /// The name that a person gave.
-    input: String,
-    /// The name of the cloud.
-    name: String,
-    octree: Arc<Octree>,
-    /// The octree with its nodes where the last view has them, or the first one will, if they are moved.
-    placed: Option<(Placement, Octree)>,
-    /// The list of its nodes, if it is read page by page.
-    lists: Option<Lists>,
-    /// What the receiver was last told of its index.
-    state: IndexState,
-    /// Whether its pages can be made again.
-    is_own: bool,
-    point_bytes: u64,
-    /// The number of points of each chunk that the receiver has.
-    resident: HashMap<Part, u64>,
-    /// Chunks from before the streamer began anew. They are removed when the next cut is complete, unless that contains
-    /// them.
-    stale: HashMap<Part, u64>,
-    /// The summary that the receiver gets when the first cut is complete.
-    summary: Option<codec::Summary>,
-    /// Whether a part of it could not be read and its pages are being made again.
-    is_damaged: bool,
-    /// The nodes that cannot be read, and what the receiver was told of them.
-    missing: BTreeSet<NodeId>,
-    told: Option<String>,
-}
-
-impl StreamedCloud {
-    /// What was told of nodes and of lists of nodes that are missing: it is no longer so where all is read anew.
-    fn take_told(&mut self) -> impl Iterator<Item = String> + use<> {
-        let of_lists = self.lists.as_mut().and_then(Lists::take_told);
-        self.told.take().into_iter().chain(of_lists)
-    }
-
-    /// The number of points of nodes that cannot be read.
-    fn points_missing(&self) -> u64 {
-        let points = |node: &NodeId| self.octree.get(*node).map_or(0, |node| u64::from(node.points));
-        self.missing.iter().map(points).sum()
-    }
-
-    /// Whether its pages are being made again.
-    fn is_awaited(&self) -> bool {
-        self.is_own && self.is_damaged
-    }
-
-    /// Moves its nodes to where a view has them.
-    fn place(&mut self, placement: Option<&Placement>) {
-        if self.placed.as_ref().map(|(placement, _)| placement) != placement {
-            self.placed = placement.map(|placement| (*placement, self.octree.placed(placement)));
-        }
-    }
-
-    fn nodes(&self) -> &Octree {
-        self.placed.as_ref().map_or(&self.octree, |(_, octree)| octree)
-    }
 }
 
 /// The number of threads that read from servers, at least.
@@ -286,7 +226,7 @@ impl Director {
             self.streamer.know(*cloud, octree.clone());
             (streamed.octree, streamed.placed) = (octree, None);
             // Nodes whose lists have gone are not missing.
-            streamed.missing.retain(|node| streamed.octree.get(*node).is_some());
+            streamed.missing.retain(|node, _| streamed.octree.get(*node).is_some());
             if let Some(problem) = streamed.told.take_if(|_| streamed.missing.is_empty()) {
                 mended.push(Event::Mended { input: streamed.input.clone(), problem, has_come: false });
             }
@@ -394,7 +334,7 @@ impl Director {
             stale,
             summary,
             is_damaged: false,
-            missing: BTreeSet::new(),
+            missing: BTreeMap::new(),
             told: None,
         };
         self.clouds.insert(cloud, streamed);
@@ -577,7 +517,7 @@ impl Director {
                     if streamed.octree.get(node).is_none() {
                         return Some(());
                     }
-                    streamed.missing.insert(node);
+                    streamed.missing.insert(node, may_come(&error));
                     if streamed.told.is_some() {
                         return Some(());
                     }
@@ -642,6 +582,8 @@ impl Director {
         let whole = self.clouds.iter().filter(|(cloud, _)| owner_of(**cloud).1.is_none());
         let of_tiles = self.tiles.values().map(Tiles::points);
         let counts = self.tiles.values().map(Tiles::counts);
+        let of_nodes = self.clouds.values().flat_map(StreamedCloud::missing);
+        let missing: Vec<bool> = of_nodes.chain(self.tiles.values().flat_map(Tiles::missing)).collect();
         let stats = StreamStats {
             view_number: self.view_number,
             is_settled: self.is_settled,
@@ -655,6 +597,8 @@ impl Director {
             disk_bytes_per_second: shown.disk_bytes_per_second,
             points_per_second: shown.points_per_second,
             points_missing: self.clouds.values().map(StreamedCloud::points_missing).sum(),
+            nodes_missing: missing.len(),
+            may_come: missing.contains(&true),
         };
         let (when, last) = &self.reported;
         let is_due = stats.is_settled || when.elapsed() >= REPORT_INTERVAL;

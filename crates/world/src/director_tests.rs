@@ -1,10 +1,10 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, sync_channel};
 
-use cloud::Progress;
+use cloud::{Placement, Progress};
 use scene::Camera;
-use stream::{BuildOptions, Cache, Pages};
+use stream::{BuildOptions, Cache, NodeId, Pages};
 
 use super::*;
 
@@ -145,7 +145,7 @@ fn what_was_told_of_lists_and_nodes_is_taken_back_when_they_go() {
     director.add(arrival).unwrap();
     let streamed = director.clouds.get_mut(&tile).unwrap();
     // A node that a list had which has gone, and one that still is there.
-    (streamed.missing, streamed.told) = ([NodeId(0), NodeId(99)].into(), Some("a node".to_owned()));
+    (streamed.missing, streamed.told) = ([(NodeId(0), true), (NodeId(99), true)].into(), Some("a node".to_owned()));
     let places = [(NodeId(0), 0), (NodeId(0), 1)];
     streamed.lists.as_mut().unwrap().want(std::iter::empty(), places.into_iter(), tile, &mailbox);
     let is_there = |director: &Director| !director.clouds[&tile].octree.paged.pages.is_empty();
@@ -159,7 +159,7 @@ fn what_was_told_of_lists_and_nodes_is_taken_back_when_they_go() {
         }));
     }
     assert!(said.len() == 1 && said[0].contains("1-1-0-0"), "{said:?}");
-    assert_eq!(director.clouds[&tile].missing, [NodeId(0)].into());
+    assert_eq!(director.clouds[&tile].missing, [(NodeId(0), true)].into());
     director.close_tiles(0, vec![7]).unwrap();
     let taken_back = events.try_iter().filter_map(|event| match event {
         Event::Mended { problem, has_come: false, .. } => Some(problem),

@@ -52,6 +52,17 @@ fn is_of_input(error: &codec::Error) -> bool {
     !matches!(error, codec::Error::NotWritten { .. })
 }
 
+/// Whether what could not be read may come when it is asked for later: a server or a disk has failed, and nothing is
+/// damaged or gone.
+pub(crate) fn may_come(error: &stream::Error) -> bool {
+    match error {
+        stream::Error::Io { reason, .. } | stream::Error::Input(codec::Error::Io { reason, .. }) => {
+            reason.kind() != std::io::ErrorKind::NotFound
+        }
+        _ => false,
+    }
+}
+
 /// Whether a streamed file cannot be read, rather than written.
 pub(crate) fn is_of_inputs(error: &stream::Error) -> bool {
     match error {

@@ -145,4 +145,8 @@ pub struct StreamStats {
     pub points_per_second: f64,
     /// The number of points of nodes that were to be read and cannot be.
     pub points_missing: u64,
+    /// The number of these nodes, with the lists of nodes and the tiles that cannot be read.
+    pub nodes_missing: usize,
+    /// Whether some of them may come later: a server or a disk has failed.
+    pub may_come: bool,
 }

@@ -29,6 +29,7 @@ mod opening;
 mod reading;
 mod resident;
 mod source;
+mod streamed_cloud;
 mod task;
 mod tiles;
 mod words;

@@ -8,6 +8,7 @@ use std::time::Instant;
 use codec::PageNodes;
 use stream::{Again, NodeId, NodeTable, Octree, Pages};
 
+use crate::error::may_come;
 use crate::mailbox::Mailbox;
 
 /// The number of pages of one cloud that are read at once.
@@ -26,8 +27,8 @@ pub(crate) struct Lists {
     waiting: Vec<Place>,
     /// The pages for which there was no room beside what the view needs.
     refused: BTreeSet<Place>,
-    /// The pages that could not be read.
-    failed: BTreeMap<Place, Again>,
+    /// The pages that could not be read, and whether they may come later.
+    failed: BTreeMap<Place, (Again, bool)>,
     is_changed: bool,
     /// What the receiver was told of pages that are missing.
     told: Option<String>,
@@ -83,6 +84,11 @@ impl Lists {
         self.asked.len().max(self.waiting.len())
     }
 
+    /// For each page that could not be read, whether it may come later.
+    pub(crate) fn missing(&self) -> impl Iterator<Item = bool> {
+        self.failed.values().map(|(_, may_come)| *may_come)
+    }
+
     /// Forgets that there was no room.
     pub(crate) fn try_again(&mut self) {
         self.refused.clear();
@@ -90,7 +96,7 @@ impl Lists {
 
     /// Whether pages that could not be read are to be read again now.
     pub(crate) fn ask_again(&mut self, now: Instant, is_other_view: bool) -> bool {
-        let due = self.failed.values_mut().filter_map(|again| again.ask(now, is_other_view).then_some(()));
+        let due = self.failed.values_mut().filter_map(|(again, _)| again.ask(now, is_other_view).then_some(()));
         due.count() > 0
     }
 
@@ -104,7 +110,7 @@ impl Lists {
         mailbox: &Arc<Mailbox>,
     ) {
         self.table.use_nodes(nodes);
-        let is_given_up = |place: &Place| self.failed.get(place).is_some_and(Again::waits);
+        let is_given_up = |place: &Place| self.failed.get(place).is_some_and(|(again, _)| again.waits());
         self.waiting = places.filter(|place| !self.refused.contains(place) && !is_given_up(place)).collect();
         for place in self.waiting.clone() {
             if self.asked.len() >= AT_ONCE {
@@ -133,8 +139,9 @@ impl Lists {
         let found = match found {
             Ok(found) => found,
             Err(error) => {
-                let before = self.failed.get(&place).copied();
-                self.failed.insert(place, Again::after(before, error.may_pass(), Instant::now()));
+                let before = self.failed.get(&place).map(|(again, _)| *again);
+                let again = Again::after(before, error.may_pass(), Instant::now());
+                self.failed.insert(place, (again, may_come(&error)));
                 let problem = format!("{error}; the points below that node are missing");
                 let is_new = self.told.is_none();
                 return is_new.then(|| Said::Problem(self.told.insert(problem).clone()));

@@ -308,6 +308,11 @@ impl Tiles {
         self.tiles.iter().any(|tile| codec::is_address(&tile.path))
     }
 
+    /// For each tile that could not be read, whether it may come later.
+    pub(crate) fn missing(&self) -> impl Iterator<Item = bool> {
+        self.tiles.iter().filter(|tile| tile.failed.is_some()).map(|tile| codec::is_address(&tile.path))
+    }
+
     pub(crate) fn points(&self) -> u64 {
         self.tiles.iter().map(|tile| tile.points).fold(0, u64::saturating_add)
     }

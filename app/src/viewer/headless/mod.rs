@@ -57,6 +57,8 @@ pub struct Headless {
     pub supersample: u32,
     /// Whether it was said that labels are of loaded points.
     is_rough: bool,
+    /// Whether a picture lacks points, since the opening, that could not be read and may come later.
+    pub is_cut_off: bool,
 }
 
 /// What is drawn over a picture.
@@ -96,7 +98,9 @@ struct Streamed {
     /// Whether all nodes that the view needs were loaded, within the budgets.
     settled: bool,
     nodes: usize,
+    /// The nodes that were not there yet, or cannot be read, and the points of the latter.
     nodes_missing: usize,
+    points_missing: u64,
     points_resident: u64,
     points_total: u64,
     /// The memory of decoded points.
@@ -140,6 +144,7 @@ impl Headless {
             made: Vec::new(),
             supersample: 1,
             is_rough: false,
+            is_cut_off: false,
         };
         headless.do_effects();
         Ok(headless)
@@ -220,9 +225,10 @@ impl Headless {
         let jobs: Vec<_> = loaded.jobs.iter().filter(|job| job.has_streamed).collect();
         let sum = |of: fn(&StreamStats) -> u64| jobs.iter().map(|job| of(&job.stream)).sum();
         let stream = Streamed {
-            settled: jobs.iter().all(|job| !job.is_streaming()),
+            settled: jobs.iter().all(|job| !job.is_streaming() && job.stream.nodes_missing == 0),
             nodes: jobs.iter().map(|job| job.stream.nodes).sum(),
-            nodes_missing: jobs.iter().map(|job| job.stream.nodes_waiting).sum(),
+            nodes_missing: jobs.iter().map(|job| job.stream.nodes_waiting + job.stream.nodes_missing).sum(),
+            points_missing: sum(|stats| stats.points_missing),
             points_resident: sum(|stats| stats.points_resident),
             points_total: sum(|stats| stats.points_total),
             host_bytes: sum(|stats| stats.host_bytes),
@@ -317,6 +323,7 @@ impl Headless {
             let request = self.session.still_frame().filter(|_| self.marks_are_known()).cloned();
             if request.is_some() {
                 self.warn_of_rough_labels(bar);
+                self.is_cut_off |= self.session.loaded.jobs.iter().any(|job| job.stream.may_come);
                 return Ok(request);
             }
             if self.session.loaded.is_loading() {
