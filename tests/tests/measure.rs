@@ -1,6 +1,7 @@
 //! `glint measure`: values against closed forms, within their own stated uncertainty; units of real files; refusals.
 
 use serde_json::Value;
+use tests::server::{Habits, Server};
 use tests::{Folder, Session, Window, test_data};
 
 /// The deviation of the points along z, or from the axis of the column.
@@ -361,4 +362,46 @@ fn a_mesh_is_measured_on_its_faces_as_the_window_shows_it() {
     assert!((points / (400.0 * std::f64::consts::PI) - 1.0).abs() < 0.1, "{report}");
     let across = value(&report, "plane", "normal z").0.abs();
     assert!((across - 1.0).abs() < 1e-6 && value(&report, "plane", "rms").0 < 1e-5, "{report}");
+}
+
+#[test]
+fn values_of_a_part_of_the_points_say_so_and_state_no_interval() {
+    let Some(data) = test_data() else { return };
+    let folder = Folder::new();
+    let name = "lone_star_las14_pf6.copc.laz";
+    let file = data.join("copc").join(name);
+    let corners = [[515_375.0, 4_918_350.0], [515_395.0, 4_918_350.0], [515_395.0, 4_918_370.0]];
+    let corners = corners.map(|[x, y]| format!("[{x:?}, {y:?}, 2325.0]"));
+    let write = |scene: &str, cloud: &str| {
+        let volume = measurement("v", "volume", &corners, "level = 2300.0");
+        folder.write(scene, format!("clouds = [\"{cloud}\"]\n{volume}"));
+    };
+    write("whole.toml", &file.display().to_string());
+    let whole = folder.glint(["measure", "whole.toml", "--json"]);
+    assert_eq!(whole.status, Some(0), "{whole}");
+    let report = whole.json();
+    assert_eq!((&report["whole"], &report["points_missing"]), (&true.into(), &0.into()));
+    assert!(value(&report, "v", "volume").1.is_some() && value(&report, "v", "points").0 > 1000.0, "{report}");
+    // The head, the list of nodes and some points come before the file goes.
+    let of_part = |format: Option<&str>| {
+        let served = folder.path(format.unwrap_or("text"));
+        std::fs::create_dir(&served).expect("a folder");
+        let own = served.join(name);
+        std::fs::copy(&file, &own).expect("a copy");
+        let server = Server::of_folder_after(&served, Habits::default(), move |request| {
+            if request.number == 6 {
+                let _ = std::fs::remove_file(&own);
+            }
+        });
+        write("part.toml", &server.path(name).display().to_string());
+        let mut command = folder.command(["measure", "part.toml"].into_iter().chain(format));
+        let outcome = command.env("GLINT_SERVERS", &server.address).output().expect("the program starts");
+        assert_eq!(outcome.status.code(), Some(2), "{outcome:?}");
+        String::from_utf8(outcome.stdout).expect("text")
+    };
+    let report: Value = serde_json::from_str(&of_part(Some("--json"))).expect("JSON");
+    assert!(report["whole"] == false && report["points_missing"].as_u64() > Some(1000), "{report}");
+    assert!(value(&report, "v", "volume").1.is_none() && value(&report, "v", "loaded points").0 > 0.0, "{report}");
+    let text = of_part(None);
+    assert!(text.contains("values are of a part of the points: ") && !text.contains('±'), "{text}");
 }

@@ -15,7 +15,8 @@ use world::{Input, Request};
 
 use crate::shared::command_line::MeasureArguments;
 use crate::shared::export;
-use crate::shared::measuring::{Gathering, Outcome};
+use crate::shared::measuring::{Figure, Gathering, Outcome, of_a_part};
+use crate::shared::numbers::grouped;
 use crate::system::failure::{self, FAILED, UNUSABLE, usage};
 use crate::system::terminal::{self, Few};
 use crate::system::{interrupt, progress_bar};
@@ -32,7 +33,7 @@ struct Job<'a> {
     up: Option<DVec3>,
     /// What the files say that have been read.
     read: Vec<Info>,
-    /// The number of points of them that cannot be read.
+    /// The number of points of them that cannot be read, in the reading that lacked most.
     missing: u64,
     /// The exit status so far.
     status: u8,
@@ -88,6 +89,12 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         failed.end();
         return Ok(status.max(UNUSABLE));
     }
+    // Files that cannot be read at all have points, too.
+    let is_whole = missing == 0 && status == 0;
+    let is_of_part = |one: &Measurement| !is_whole && Gathering::is_large(one.kind);
+    let results = results.into_iter().zip(&measurements);
+    let results: Vec<Outcome> =
+        results.map(|(outcome, one)| if is_of_part(one) { of_a_part(outcome) } else { outcome }).collect();
     let units = Units::in_common(read.iter().map(|info| info.units));
     let measured = || measurements.iter().zip(&results);
     for (index, (measurement, figures)) in measured().enumerate() {
@@ -100,11 +107,21 @@ pub fn run(arguments: &MeasureArguments) -> anyhow::Result<u8> {
         let measurements: Vec<Value> =
             measured().map(|(measurement, figures)| entry(measurement, figures, &units)).collect();
         let unit = units.length().map(|unit| unit.to_string());
-        terminal::print_json(&json!({ "scene": name, "unit": unit, "measurements": measurements }))?;
+        terminal::print_json(&json!({
+            "scene": name, "unit": unit, "measurements": measurements, "whole": is_whole, "points_missing": missing,
+        }))?;
     } else if arguments.csv {
         terminal::print(table(measured(), &units)?.lines())?;
     } else {
         terminal::print(measured().flat_map(|(measurement, figures)| lines(measurement, figures, &units)))?;
+        if !is_whole {
+            let lost = if missing == 0 {
+                "not all can be read".into()
+            } else {
+                format!("{} cannot be read", grouped(missing))
+            };
+            terminal::print([format!("values are of a part of the points: {lost}")])?;
+        }
     }
     failed.end();
     Ok(export::say_missing(missing, status))
@@ -134,6 +151,7 @@ impl Job<'_> {
     /// file there are no results.
     fn measure(&mut self, measurements: &[Measurement]) -> anyhow::Result<Vec<Outcome>> {
         let is_first = self.read.is_empty();
+        let missing_before = std::mem::take(&mut self.missing);
         let mut gatherings = self.up.map(|up| begin(measurements, up)).unwrap_or_default();
         let mut readable = Vec::new();
         for (input, file) in std::mem::take(&mut self.files) {
@@ -148,6 +166,7 @@ impl Job<'_> {
             interrupt::check()?;
         }
         self.files = readable;
+        self.missing = self.missing.max(missing_before);
         if is_first {
             let systems = world::system_warnings(&self.read);
             terminal::warn(param::few(systems, "warnings"));
@@ -224,10 +243,10 @@ impl Job<'_> {
         // A mesh is measured as the window shows it.
         let on_faces = world::points_on_faces(source, &chunks, &self.settings);
         on_faces.into_iter().flat_map(|points| points.chunks).for_each(gather);
+        self.missing = self.missing.saturating_add(info.missing).saturating_add(summary.missing);
         if tells {
             let of_points = summary.warnings.iter().map(|warning| format!("{}: {warning}", shown(path)));
             terminal::warn(world::file_warnings(info).chain(of_points));
-            self.missing = self.missing.saturating_add(info.missing).saturating_add(summary.missing);
             self.read.push(info.clone());
         }
         Ok(())
@@ -240,7 +259,7 @@ fn entry(measurement: &Measurement, figures: &Outcome, units: &Units) -> Value {
     let mut entry = json!({ "name": name, "kind": kind.name(), "on": on, "points": points });
     match figures {
         Ok(figures) => {
-            let value = |figure: &crate::shared::measuring::Figure| {
+            let value = |figure: &Figure| {
                 let (unit, uncertainty, interval) = (figure.unit(units), figure.deviation, figure.interval());
                 json!({
                     "name": figure.name, "value": figure.value, "unit": unit, "uncertainty": uncertainty,

@@ -79,8 +79,9 @@ impl Figure {
         Self { name, quantity, value, deviation: deviation.filter(|deviation| deviation.is_finite()) }
     }
 
-    /// What it is of points that are a thinned choice. Those nearest to the middles of cells of space are chosen by their
-    /// noise, too, so how they scatter says nothing of how far a fit to them is off.
+    /// What it is of a part of the points. Of a thinned choice, those nearest to the middles of cells of space are chosen by
+    /// their noise, too, so how they scatter says nothing of how far a fit to them is off; nor does it where points of some
+    /// places are missing.
     fn of_loaded(self) -> Self {
         let name = if self.name == POINTS { LOADED_POINTS } else { self.name };
         Self { name, deviation: None, ..self }
@@ -218,9 +219,11 @@ pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: Vec<(Cloud, Loade
     };
     let is_thinned = Gathering::is_large(measurement.kind) && loaded.iter().any(lacks);
     let outcome = gathering.finish();
-    if !is_thinned {
-        return outcome;
-    }
+    if is_thinned { of_a_part(outcome) } else { outcome }
+}
+
+/// Makes the outcome of a fit or a volume what it is of a part of the points.
+pub fn of_a_part(outcome: Outcome) -> Outcome {
     let of_loaded = |figures: Vec<Figure>| figures.into_iter().map(Figure::of_loaded).collect();
     outcome.map(of_loaded).map_err(|problem| format!("of the loaded points: {problem}"))
 }
