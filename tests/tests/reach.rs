@@ -176,6 +176,26 @@ fn a_scene_file_does_not_lead_to_a_private_server() {
 }
 
 #[test]
+fn a_plan_names_addresses_and_does_not_lead_to_a_private_server() {
+    let folder = Folder::new();
+    let server = Server::new(|_, stream| write!(stream, "HTTP/1.1 404 No\r\ncontent-length: 0\r\n\r\n"));
+    let address = text(&server.path("a.laz"));
+    folder.write("plan.toml", format!("title = \"a\"\n[[group]]\nscenes = [\"{address}\"]\n"));
+    let told = |servers: &str| {
+        let mut command = folder.command(["study", "plan.toml", "-o", "results"]);
+        let outcome = command.env("GLINT_SERVERS", servers).output().expect("the program starts");
+        String::from_utf8_lossy(&outcome.stderr).into_owned()
+    };
+    let own = told("http://other.lan");
+    if own.contains("no adapter") {
+        return;
+    }
+    assert!(own.contains(&format!("{address}: a server in a private network")) && server.requests() == 0, "{own}");
+    let own = told(&server.address);
+    assert!(own.contains(&format!("{address}: no such file on the server")), "{own}");
+}
+
+#[test]
 fn what_a_server_limit_or_credential_must_be_is_said() {
     let folder = Folder::new();
     let mut command = folder.command(["scenes"]);

@@ -77,7 +77,7 @@ fn scene_files(plan: &Plan) -> anyhow::Result<SceneFiles> {
     let scenes: BTreeSet<String> = plan.cases().into_iter().map(|case| case.scene).collect();
     let of_files = scenes.into_iter().filter(|scene| !stability::is_case(scene));
     let files = of_files.map(|scene| {
-        let files = recording::checksums(&world::resolve(std::slice::from_ref(&scene)))?;
+        let files = recording::checksums(&world::resolve_written(std::slice::from_ref(&scene)))?;
         Ok((scene, files))
     });
     files.filter(|found| !found.as_ref().is_ok_and(|(_, files)| files.is_empty())).collect()
@@ -148,6 +148,9 @@ fn changed(mut plan: Plan, arguments: &StudyArguments) -> anyhow::Result<Plan> {
         kept(&plan.groups_sweeping(study::plan::SIZE), "--size");
         plan.size = study::plan::Size(size);
     }
+    for word in &arguments.input {
+        codec::trust_address(Path::new(word));
+    }
     plan.add_scenes(&arguments.input.iter().map(|word| scene_word(word)).collect::<Vec<_>>());
     plan.repeats = arguments.repeats.unwrap_or(plan.repeats);
     if let Some(preset) = arguments.preset {
@@ -198,7 +201,7 @@ impl Scenes for Inputs {
         let (settings, mirrors) = if stability::is_case(scene) {
             (stability::settings(scene)?, stability::mirrors(scene)?)
         } else {
-            let request = world::resolve(&[scene.to_owned()]);
+            let request = world::resolve_written(&[scene.to_owned()]);
             request.check()?;
             let mirrors = request.all_mirrors();
             (request.view.map(|view| view.settings).unwrap_or_default(), mirrors)
@@ -210,7 +213,7 @@ impl Scenes for Inputs {
         if stability::is_case(scene) {
             return stability::subject(gpu, scene, settings);
         }
-        let request = world::resolve(&[scene.to_owned()]);
+        let request = world::resolve_written(&[scene.to_owned()]);
         request.check()?;
         let own = request.view.as_ref().and_then(|view| view.camera);
         let field_of_view = settings.view.field_of_view;
@@ -231,7 +234,7 @@ impl Scenes for Inputs {
     }
 
     fn ruler(&self, gpu: &Arc<Gpu>, scene: &str, settings: &Settings) -> anyhow::Result<Ruler> {
-        let request = world::resolve(&[scene.to_owned()]);
+        let request = world::resolve_written(&[scene.to_owned()]);
         request.check()?;
         warn(request.check_filters(settings)?);
         let read = |input| scans::of_input(input, &request.test(), settings);

@@ -435,7 +435,7 @@ fn unreadable(place: &str, error: &scene::Error) -> PlanError {
 }
 
 impl Plan {
-    /// Reads a plan and checks it. Scenes given by a relative path are relative to the file's folder.
+    /// Reads a plan and checks it. Scenes given by a relative path are relative to the file's folder; addresses stay.
     ///
     /// # Errors
     /// Not readable, or no plan: with the file and line, and what was expected.
@@ -448,7 +448,8 @@ impl Plan {
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         for scene in plan.groups.iter_mut().flat_map(|group| &mut group.scenes) {
             let beside = folder.join(&*scene);
-            if is_path(scene) && !Path::new(scene).is_absolute() {
+            let is_beside = !Path::new(scene).is_absolute() && !codec::is_address(Path::new(scene));
+            if is_path(scene) && is_beside {
                 *scene = beside.canonicalize().unwrap_or(beside).to_string_lossy().into_owned();
             }
         }

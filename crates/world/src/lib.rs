@@ -58,4 +58,4 @@ pub use source::{
     parts, radii_of_shown, read_cloud, read_column, surfel_options, system_warnings, up_of,
 };
 pub use task::{CloudTask, LEAST_TIME, TaskKind, TaskStatus};
-pub use words::{KnownNames, Request, built_in_names, first_scene, no_cloud, resolve, resolve_open};
+pub use words::{KnownNames, Request, built_in_names, first_scene, no_cloud, resolve, resolve_open, resolve_written};

@@ -314,16 +314,22 @@ impl Request {
 
 /// Finds what each word names: a scene file (`.toml`, replaced by its clouds), a built-in scene, or else a cloud file.
 /// A word that names nothing becomes `Input::Unknown`, with a suggestion of the name that may have been meant; the
-/// other words count. An input that is named more than once is opened once.
+/// other words count. An input that is named more than once is opened once. Servers of addresses are those that a person
+/// has typed.
 pub fn resolve<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
+    for word in words {
+        codec::trust_address(Path::new(word));
+    }
+    resolve_written(words)
+}
+
+/// Finds what words of a file name, as those of a plan of a study: no person has typed their addresses.
+pub fn resolve_written<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
     let mut request = Request::default();
     let mut files = Vec::new();
     let mut unknown = 0;
     // Suggestions search a folder, which takes time: only for the first few words.
     let mut named = |word: &OsStr, place: &str| {
-        if place.is_empty() {
-            codec::trust_address(Path::new(word));
-        }
         input(word, unknown < HINTS).unwrap_or_else(|error| {
             unknown += 1;
             Input::Unknown { name: shown(word), error: format!("{place}{error}") }

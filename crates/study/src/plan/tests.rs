@@ -283,15 +283,17 @@ fn bounds_hold_for_their_methods_within_their_range() {
 }
 
 #[test]
-fn scenes_in_files_are_beside_the_plan() {
+fn scenes_in_files_are_beside_the_plan_and_addresses_stay() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("plans")).unwrap();
     std::fs::write(folder.path().join("office.toml"), "").unwrap();
     let path = folder.path().join("plans/plan.toml");
-    std::fs::write(&path, "title = \"a\"\n[[group]]\nscenes = [\"../office.toml\", \"five-mirrors/sphere\"]").unwrap();
+    let address = "https://scans.example/a//b.copc.laz";
+    let scenes = format!("[\"../office.toml\", \"five-mirrors/sphere\", \"{address}\"]");
+    std::fs::write(&path, format!("title = \"a\"\n[[group]]\nscenes = {scenes}")).unwrap();
     let scenes = Plan::read(&path).unwrap().groups[0].scenes.clone();
     let office = folder.path().canonicalize().unwrap().join("office.toml");
-    assert_eq!(scenes, [office.to_string_lossy().into_owned(), "five-mirrors/sphere".into()]);
+    assert_eq!(scenes, [office.to_string_lossy().into_owned(), "five-mirrors/sphere".into(), address.into()]);
     let missing = Plan::read(&folder.path().join("none.toml")).unwrap_err().to_string();
     assert!(missing.contains("none.toml: "), "{missing}");
 }
