@@ -188,7 +188,7 @@ pub struct TargetArguments {
 
 #[derive(Debug, Args)]
 pub struct RecordArguments {
-    /// A scene file (`.toml`), a `.las`, `.laz` or `.ply` file, a folder of them, or the name of a built-in scene
+    /// A scene file (`.toml`), a file of points (.las, .laz, .e57, .ply, .pts, .ptx, .pcd, .xyz, .csv, .txt, ept.json, .vpc), a folder or an http(s) address of such files, or the name of a built-in scene
     pub scene: OsString,
     /// Path of the camera: of the scene file, or turntable, orbit or flight; the scene's only one if not given
     #[arg(long, value_name = "NAME")]
