@@ -171,7 +171,7 @@ impl Remote {
         };
         match answer.map_or(Ok(()), |answer| remote.take(answer)) {
             // What is missing is asked for again when it is read.
-            Ok(()) | Err(Failure::Again(_) | Failure::Later(..) | Failure::Silent) => {}
+            Ok(()) | Err(Failure::Again(_) | Failure::Unable(_) | Failure::Later(..) | Failure::Silent) => {}
             Err(Failure::Final(problem)) => return Err(io::Error::other(problem)),
         }
         Ok(remote)

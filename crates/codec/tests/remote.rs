@@ -686,6 +686,58 @@ fn a_server_that_asks_to_wait_is_waited_for() {
 }
 
 #[test]
+fn a_server_that_has_no_answer_is_asked_again_and_again_for_one_part_and_not_for_all() {
+    const PARTS: u64 = 30;
+    cache();
+    let file = ply(400_000, 1.0);
+    let whole = file.clone();
+    let is_bad = Arc::new(AtomicBool::new(false));
+    let now = is_bad.clone();
+    let server = Server::new(move |request, stream| match now.load(Ordering::Relaxed) {
+        true => write!(stream, "HTTP/1.1 503 Busy\r\ncontent-length: 0\r\n\r\n"),
+        false => send_part(&whole, "etag: \"1\"\r\n", request, stream),
+    });
+    let path = server.path("a.ply");
+    codec::trust_address(&path);
+    let bytes = codec::Bytes::open(&path).unwrap();
+    is_bad.store(true, Ordering::Relaxed);
+    let (began, asked) = (std::time::Instant::now(), server.requests());
+    let read = |part: u64| {
+        let mut bytes_of_part = [0; 100];
+        bytes.read_at(part * 128_000, &mut bytes_of_part).map(|_| bytes_of_part).map_err(|error| error.to_string())
+    };
+    let told: Vec<String> = (1..PARTS).filter_map(|part| read(part).err()).collect();
+    assert_eq!(told.len() as u64, PARTS - 1);
+    assert!(told[0].ends_with("(status 503) (tried 5 times)") && told[1].ends_with("is not asked yet"), "{told:?}");
+    assert!(server.requests() - asked <= 10, "{} requests", server.requests() - asked);
+    assert!(began.elapsed().as_secs() < 10, "{:?}", began.elapsed());
+    // Other files of that server may be well; once several are not, the server is not.
+    let others: Vec<String> = (0..6).map(|number| message(&server.path(&format!("{number}.ply")))).collect();
+    let tried = others.iter().filter(|told| told.contains("(tried 5 times)") && !told.contains("not asked yet"));
+    assert!((1..=3).contains(&tried.count()), "{others:?}");
+    is_bad.store(false, Ordering::Relaxed);
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(10);
+    let come = std::iter::from_fn(|| {
+        std::thread::sleep(std::time::Duration::from_millis(200));
+        (std::time::Instant::now() < until).then(|| read(PARTS).ok())
+    });
+    assert_eq!(come.flatten().next().as_ref().map(|part| &part[..]), Some(&file[3_840_000..3_840_100]));
+}
+
+#[test]
+fn one_file_that_a_server_has_no_answer_for_does_not_keep_others_from_coming() {
+    let file = ply(100, 1.0);
+    let server = Server::new(move |request, stream| match request.path.contains("bad") {
+        true => write!(stream, "HTTP/1.1 500 Oh\r\ncontent-length: 0\r\n\r\n"),
+        false => send_part(&file, "etag: \"1\"\r\n", request, stream),
+    });
+    for number in 0..3 {
+        assert!(message(&server.path(&format!("bad{number}.ply"))).contains("(tried 5 times)"));
+        assert_eq!(points(&open(&server.path(&format!("good{number}.ply"))).unwrap()).len(), 100);
+    }
+}
+
+#[test]
 fn the_wait_of_an_opening_can_be_stopped() {
     let server = Server::new(move |_, stream| {
         write!(stream, "HTTP/1.1 503 Busy\r\nretry-after: 20\r\ncontent-length: 0\r\n\r\n")

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Read as _};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::ops::Range;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use ureq::config::Config;
@@ -34,6 +34,11 @@ const MOST_PATIENCE: u32 = 3;
 /// for, and each would wait anew.
 const MOST_SILENCES: usize = 2;
 const LEFT_ALONE: Duration = Duration::from_secs(15);
+/// How long a file is left alone for which a server, asked again and again, had no answer, and how many such files in a
+/// row it takes until the whole server is: one file of a server that is well may be what it fails at. Views ask again for
+/// what they lack, so it is shorter than the time between their later tries.
+const FILE_LEFT_ALONE: Duration = Duration::from_secs(5);
+const MOST_FILES: usize = 3;
 /// The longest wait in seconds that a server is believed to ask for: a day.
 const MOST_ASKED: u64 = 24 * 60 * 60;
 /// How often it is looked during a wait whether to go on.
@@ -77,7 +82,10 @@ pub enum First {
 
 /// Why a request has failed: again may help, or not.
 pub enum Failure {
+    /// An answer was cut.
     Again(String),
+    /// The server has no answer, or there is no way to it.
+    Unable(String),
     /// After this time, as the server says.
     Later(Duration, String),
     /// Nothing has come for a long time.
@@ -194,24 +202,66 @@ pub fn part(
     })
 }
 
+/// When a server and its files may be asked again.
+#[derive(Default)]
+struct Rests {
+    /// Until when nothing of it is asked for, and what is said meanwhile, if nobody waits for it.
+    whole: Option<(Instant, Option<String>)>,
+    /// The same of files for which it had no answer.
+    files: BTreeMap<String, (Instant, String)>,
+    /// How many of them there were since it last had an answer, and when that was.
+    failed_files: usize,
+    answered: Option<Instant>,
+}
+
+impl Rests {
+    /// Until when a file is not asked for, and what is said meanwhile.
+    fn of(&self, file: &str) -> Option<(Instant, Option<String>)> {
+        let own = self.files.get(file).map(|(until, told)| (*until, Some(told.clone())));
+        self.whole.clone().into_iter().chain(own).find(|(until, _)| Instant::now() < *until)
+    }
+
+    /// Leaves a file alone for which the server has had no answer since `began`, and the server if it was so with several.
+    fn leave_alone(&mut self, file: String, began: Instant, told: String) {
+        let now = Instant::now();
+        self.files.retain(|_, (until, _)| now < *until);
+        // One that is busy may still answer others, and several parts of a file may be asked for at once.
+        if self.answered.is_some_and(|answered| answered > began) || self.files.contains_key(&file) {
+            return;
+        }
+        let until = now + FILE_LEFT_ALONE;
+        self.files.insert(file, (until, told.clone()));
+        self.failed_files += 1;
+        if self.failed_files >= MOST_FILES && self.whole.as_ref().is_none_or(|(known, _)| *known < until) {
+            self.whole = Some((until, Some(told)));
+        }
+    }
+}
+
 /// Tries again, each time after a longer wait, what may only have failed for a moment.
 fn repeated<T>(
     address: &Address,
     goes_on: &dyn Fn() -> bool,
     mut work: impl FnMut() -> Result<T, Failure>,
 ) -> Result<T, String> {
-    /// When servers may be asked again, and what is said of those that nobody waits for.
-    static LATER: Mutex<BTreeMap<String, (Instant, Option<String>)>> = Mutex::new(BTreeMap::new());
-    let later = || LATER.lock().unwrap_or_else(PoisonError::into_inner);
-    let server = &address.authority;
-    let left_alone = |problem: &str| {
-        later().insert(server.clone(), (Instant::now() + LEFT_ALONE, Some(format!("{problem}, and is not asked yet"))));
-    };
+    static SERVERS: Mutex<BTreeMap<String, Arc<Mutex<Rests>>>> = Mutex::new(BTreeMap::new());
+    let mut servers = SERVERS.lock().unwrap_or_else(PoisonError::into_inner);
+    let server = servers.entry(address.authority.clone()).or_default().clone();
+    drop(servers);
+    let rests = || server.lock().unwrap_or_else(PoisonError::into_inner);
+    let file = address.text();
+    let later = |problem: &str| format!("{problem}, and is not asked yet");
+    let left_alone = |problem: &str| rests().whole = Some((Instant::now() + LEFT_ALONE, Some(later(problem))));
+    let first_began = Instant::now();
     let mut waits = network().waits.iter();
+    let mut again = |problem: String| match waits.next() {
+        Some(millis) => wait(Instant::now() + Duration::from_millis(*millis), goes_on),
+        None => Err(format!("{problem} (tried {})", times(network().waits.len() + 1))),
+    };
     let (mut silences, mut silent, mut waiting) = (0, Duration::ZERO, Duration::ZERO);
     loop {
-        let until = later().get(server).cloned().filter(|(until, _)| Instant::now() < *until);
-        match until {
+        let rest = rests().of(&file);
+        match rest {
             Some((_, Some(problem))) => return Err(problem),
             Some((until, None)) => {
                 wait(until, goes_on)?;
@@ -223,14 +273,19 @@ fn repeated<T>(
         let began = Instant::now();
         match work() {
             Ok(done) => {
-                later().retain(|own, (_, told)| own != server || told.is_none());
+                let mut rests = rests();
+                rests.whole.take_if(|(_, told)| told.is_some());
+                rests.files.remove(&file);
+                (rests.failed_files, rests.answered) = (0, Some(Instant::now()));
                 return Ok(done);
             }
             Err(Failure::Final(problem)) => return Err(problem),
-            Err(Failure::Again(problem)) => match waits.next() {
-                Some(millis) => wait(Instant::now() + Duration::from_millis(*millis), goes_on)?,
-                None => return Err(format!("{problem} (tried {})", times(network().waits.len() + 1))),
-            },
+            Err(Failure::Again(problem)) => again(problem)?,
+            Err(Failure::Unable(problem)) => again(problem).inspect_err(|told| {
+                if told != STOPPED {
+                    rests().leave_alone(file.clone(), first_began, later(told));
+                }
+            })?,
             Err(Failure::Later(time, problem)) => {
                 let problem = format!("{problem} and asks to wait for {} s", time.as_secs());
                 waiting = waiting.saturating_add(time);
@@ -241,8 +296,8 @@ fn repeated<T>(
                 }
                 // So do all others that ask it.
                 let now = Instant::now();
-                let mut later = later();
-                let known = later.entry(server.clone()).or_insert((now, None));
+                let mut rests = rests();
+                let known = rests.whole.get_or_insert((now, None));
                 if known.0 <= now || (known.1.is_none() && known.0 < now + time) {
                     *known = (now + time, None);
                 }
@@ -321,7 +376,7 @@ fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Respo
                 let time = text(answer.headers(), "retry-after").parse().ok().filter(|seconds| *seconds > 0);
                 return Err(match time {
                     Some(seconds) => Failure::Later(Duration::from_secs(MOST_ASKED.min(seconds)), problem),
-                    None => Failure::Again(problem),
+                    None => Failure::Unable(problem),
                 });
             }
             _ => return Err(Failure::Final(format!("the server answers with status {status}"))),
@@ -404,11 +459,14 @@ fn text(headers: &HeaderMap, name: &str) -> String {
 
 fn failure(error: &ureq::Error) -> Failure {
     match error {
-        ureq::Error::HostNotFound => Failure::Again("no such server, or no connection to the network".into()),
+        ureq::Error::HostNotFound => Failure::Unable("no such server, or no connection to the network".into()),
         ureq::Error::Io(error) if error.kind() == io::ErrorKind::PermissionDenied => Failure::Final(error.to_string()),
-        ureq::Error::Io(error) => of_reading(error),
+        ureq::Error::Io(error) => match of_reading(error) {
+            Failure::Again(problem) => Failure::Unable(problem),
+            failure => failure,
+        },
         ureq::Error::Timeout(_) => Failure::Silent,
-        ureq::Error::ConnectionFailed => Failure::Again("no connection to the server".into()),
+        ureq::Error::ConnectionFailed => Failure::Unable("no connection to the server".into()),
         ureq::Error::BadUri(_) | ureq::Error::Http(_) => Failure::Final("not an address".into()),
         error => Failure::Final(insecure(&error.to_string()).unwrap_or_else(|| crate::brief::message(error))),
     }
