@@ -48,7 +48,7 @@ fn ends_work(context: &egui::Context, running: &[Running<'_>], actions: &mut Vec
         ui.heading(text!("Close glint?"));
         list(ui, running);
         if running.is_empty() {
-            ui.label(text!("Nothing runs any more, and nothing is unsaved."));
+            ui.label(text!("Nothing runs any more. What was computed and is in no file is lost if glint ends."));
         }
         ui.add_space(8.0);
         ui.horizontal(|ui| {

@@ -102,12 +102,6 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         }
         ui.ctx().request_repaint_after(Duration::from_millis(250));
     }
-    for work in session.loaded.running() {
-        let help = bindings::shortcut(&Action::StopLoading);
-        ui.label(RichText::new(work.to_string()).color(theme::WEAK)).on_hover_text(text!("{key} stops it", key = help));
-        progress_bar(ui, work.share());
-        ui.ctx().request_repaint_after(Duration::from_millis(100));
-    }
     if let Some(job) = session.loaded.jobs.iter().find(|job| session.loaded.is_at_work(job)) {
         if job_progress(ui, session, job) {
             actions.push(Action::StopLoading);
@@ -132,6 +126,13 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         } else if points > 0 {
             ui.label(text!("{points} points", points = grouped(points)));
         }
+    }
+    for work in session.loaded.running() {
+        let help = bindings::shortcut(&Action::StopAll);
+        ui.label(RichText::new(work.to_string()).color(theme::WEAK))
+            .on_hover_text(text!("{key} stops it, and all that is loaded", key = help));
+        progress_bar(ui, work.share());
+        ui.ctx().request_repaint_after(Duration::from_millis(100));
     }
     panels::truth::progress(ui, session, actions);
     panels::recording::progress(ui, session, actions);
@@ -352,6 +353,8 @@ mod tests {
             assert!(harness.query_by_label(text).is_some(), "{text}");
         }
         harness.state_mut().act(Action::StopLoading);
+        assert!(!progress.is_cancelled() && !comparison.is_cancelled(), "loading alone is stopped");
+        harness.state_mut().act(Action::StopAll);
         assert!(progress.is_cancelled() && comparison.is_cancelled());
     }
 

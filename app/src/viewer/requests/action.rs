@@ -385,6 +385,8 @@ pub enum Action {
     Compare(Compare),
     Ghosts(Ghosting),
     StopLoading,
+    /// Stops what is loaded, and saving, comparing and the search for ghosts.
+    StopAll,
     ShowCloud(CloudKey, bool),
     /// Sets what a cloud has of its own.
     ChangeCloud(CloudKey, Box<CloudSettings>),

@@ -157,7 +157,7 @@ pub const BINDINGS: &[Binding] = {
         bind(COLORS, key(Key::Minus), A::PointSize(-1.0), "Points smaller"),
         bind(FILES, Trigger::Key(CTRL, Key::O), A::OpenDialog, "Open files"),
         bind(FILES, Trigger::Key(CTRL_SHIFT, Key::O), A::OpenPrompt, "Open by typing a path"),
-        bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopLoading, "Stop loading, saving and comparing"),
+        bind(FILES, Trigger::Key(CTRL, Key::Period), A::StopAll, "Stop loading, saving and comparing"),
         bind(FILES, Trigger::Key(CTRL, Key::Q), A::Quit, "Quit"),
         bind(FILES, key(Key::F12), A::SavePicture(SavePicture::AtOnce), "Save the picture"),
         bind(FILES, Trigger::Key(SHIFT, Key::F12), A::Film(Film::Capture), "Record the window; again: end it"),

@@ -78,7 +78,8 @@ impl Session {
             Action::Compare(step) => self.with_loaded(|loaded, beside| loaded.compare(step, beside)),
             Action::Ghosts(step) => self.with_loaded(|loaded, beside| loaded.ghost(step, beside)),
             Action::Kept(step) => self.act_kept(step),
-            Action::StopLoading => {
+            Action::StopLoading => self.with_loaded(Loaded::stop_loading),
+            Action::StopAll => {
                 self.loaded.running().iter().for_each(|work| work.progress.cancel());
                 self.with_loaded(Loaded::stop_loading);
             }
