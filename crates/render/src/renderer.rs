@@ -289,7 +289,7 @@ impl Renderer {
             kept,
             rays_before,
         )?;
-        let brought = kept.as_ref().filter(|_| plan.rays > 0).map(|rays| rays.brought(&plan.settings.gi));
+        let brought = kept.as_ref().map(|rays| rays.brought(&plan.settings.gi));
         let samples = chapters::shade(
             &mut recorder,
             plan,

@@ -2,10 +2,9 @@
 //!
 //! The thread owns the renderer and the points on the GPU, on a device of its own. Waiting for a device holds a lock that
 //! presenting on the same device needs. Whichever of the two is lost is opened again: some systems reset both where one
-//! takes too long. Commands are carried out in order; of several waiting frames
-//! only the latest is drawn, and of several tests of points only the latest is applied. Another thread writes a finished
-//! picture into a texture of the window's device (picture_writer.rs). The window's next frame shows it, either whole or
-//! not at all.
+//! takes too long. Commands are carried out in order; of several waiting frames only the latest is drawn, and of several
+//! tests of points only the latest is applied. Another thread writes a finished picture into a texture of the window's
+//! device (picture_writer.rs). The window's next frame shows it, either whole or not at all.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -449,6 +448,7 @@ impl Worker {
             }
             Command::Measure(request) => {
                 self.renderer.forget();
+                (self.held, self.surface) = (None, None);
                 let stats = Box::new(self.render(&request, None)?);
                 report(Report::Measured { request, stats });
             }
@@ -471,9 +471,9 @@ impl Worker {
         }
         let started = Instant::now();
         self.hold(request, false)?;
-        let held = self.held.take();
+        let there = (self.held.take(), self.surface.take());
         let judged = study::judge(&mut self.renderer, &self.resident.store, frame_of(request), study::RAYS, seed)?;
-        self.held = held;
+        (self.held, self.surface) = there;
         tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "estimate");
         Ok(Some(judged))
     }

@@ -159,10 +159,7 @@ pub(super) fn light_rays(
 ) -> Result<Option<Summed>> {
     let Plan { store, settings, objects, camera, .. } = plan;
     if plan.rays == 0 {
-        // Frames without indirect light leave those of others alone.
-        if plan.has_indirect {
-            *kept = None;
-        }
+        *kept = None;
         return Ok(None);
     }
     let gpu = recorder.gpu;
