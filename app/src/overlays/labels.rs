@@ -111,7 +111,8 @@ fn short(figure: &Figure, units: &Units) -> String {
     }
 }
 
-/// The value with its unit where it is of a thinned choice of the points: three digits, of which the last may be wrong.
+/// The value with its unit where it is of a thinned choice of the points: at most three digits. How far it is
+/// off is not known; some percent were seen.
 fn rough(figure: &Figure, units: &Units) -> String {
     let value: f64 = format!("{:.2e}", figure.value).parse().unwrap_or(figure.value);
     let digits = if value == 0.0 { 0.0 } else { 2.0 - value.abs().log10().floor() };
