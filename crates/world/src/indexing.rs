@@ -367,7 +367,7 @@ impl Loader {
             }
             // What a preview shows is better than nothing.
             Err(Stopped::NotWritten(error)) if preview_points > 0 || !previews().is_empty() => {
-                let error = format!("{error}; until then an even share of the cloud's points is shown");
+                let error = format!("{error}; until then an even share of the cloud's points is read and shown");
                 self.send(Event::Failed { input: streamed.input.clone(), error, is_usage: false })?;
                 // A preview that is not as large as the one before it goes, and that one stays.
                 let before = std::mem::take(&mut *old());
@@ -375,10 +375,12 @@ impl Loader {
                 let gone: Vec<Part> = previews().keys().copied().filter(is_new).collect();
                 gone.into_iter().try_for_each(&drop_part)?;
                 self.show_share(streamed, task, preview_points, &preview)?;
+                let cancelled = task.progress.is_cancelled();
+                // It can be resumed.
                 task.progress.cancel();
                 let points = previews().values().sum();
                 self.mailbox.keep_room(cloud, points);
-                let summary = codec::Summary { points, ..Default::default() };
+                let summary = codec::Summary { points, cancelled, ..Default::default() };
                 self.send(Event::Read { cloud, summary }).map(|()| false)
             }
             Err(Stopped::NotWritten(error)) => self.failed(streamed, error, false),

@@ -457,7 +457,7 @@ fn a_cloud_whose_index_cannot_be_written_is_shown_by_an_even_share_until_it_can(
         }
         received.take(event);
     }
-    assert!(told.contains("until then an even share of the cloud's points is shown"), "{told}");
+    assert!(told.contains("until then an even share of the cloud's points is read and shown"), "{told}");
     let most = crate::budget::most_preview_points(&settings);
     assert!((most * 9 / 10..=most).contains(&received.points()) && last_x > 0.99, "{} of {most}", received.points());
     let task = job.mailbox.task(0).unwrap();
