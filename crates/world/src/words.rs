@@ -377,7 +377,8 @@ pub fn resolve_written<Word: AsRef<OsStr>>(words: &[Word]) -> Request {
 /// The inputs that words name, whose clouds are open in the window and have this of their own: `settings` decide what
 /// they are called.
 pub fn resolve_open(words: &[String], own: Vec<CloudSettings>, settings: &Settings) -> Request {
-    let mut request = resolve(words);
+    // What a person has typed was trusted when it was opened; a scene may have named the others.
+    let mut request = resolve_written(words);
     request.cloud_settings.extend(own);
     request.view = Some(View { camera: None, settings: settings.clone(), warnings: Vec::new() });
     request
