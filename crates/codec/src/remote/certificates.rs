@@ -26,6 +26,9 @@ fn of_file(path: &Path) -> Result<Vec<Certificate<'static>>, String> {
     let told = |problem: String| format!("{VARIABLE} names {}: {problem}", shown(path));
     let mut text = Vec::new();
     let file = File::open(path).and_then(|file| file.take(MOST_BYTES).read_to_end(&mut text));
+    if text.len() as u64 == MOST_BYTES {
+        return Err(told(format!("it is longer than {} MB", MOST_BYTES / 1_000_000)));
+    }
     file.map_err(|error| told(crate::brief::message(&error)))?;
     let certificate = |item| if let Ok(PemItem::Certificate(own)) = item { Some(own) } else { None };
     let found: Vec<Certificate<'static>> = parse_pem(&text).filter_map(certificate).collect();
