@@ -49,8 +49,8 @@ pub fn open(file: &Arc<Bytes>) -> Result<Vec<RowSource>> {
     let (mut sources, mut lost) = open_once(file)?;
     let is_damaged = |source: &RowSource| source.info.missing > 0;
     let is_doubtful = !lost.is_empty() || sources.iter().any(is_damaged);
-    if is_doubtful && file.is_short_remote() && file.fetch_again(0..file.length()) {
-        file.fetch_all()?;
+    // Where the server has no answer now, what was read stays.
+    if is_doubtful && file.is_short_remote() && file.fetch_again(0..file.length()) && file.fetch_all().is_ok() {
         (sources, lost) = open_once(file)?;
         lost = lost.into_iter().map(Error::same_again).collect();
         let damaged = sources.iter_mut().filter(|source| is_damaged(source));

@@ -39,7 +39,7 @@ pub use format::Format;
 pub use info::{Image, Info, Scan, Selection, Summary, system_difference};
 pub use las::copc_writer::{CopcSummary, write_copc};
 pub use las::{Copc, CopcNode, CopcPage, PageNodes};
-pub use remote::{Network, trust_address, use_network};
+pub use remote::{NO_ANSWER, Network, trust_address, use_network};
 pub use source::{Source, bounds_of, open, open_scans, open_within};
 pub use text::table::{SKIP, UnnamedTable, are_columns_named, column_names, name_columns, name_columns_of};
 pub use text::unnamed_table;

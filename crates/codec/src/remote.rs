@@ -25,6 +25,7 @@ use crate::disk::Disk;
 use kept::{BLOCK, Kept};
 use network::network;
 pub use network::{Network, trust_address, use_network};
+pub use request::NO_ANSWER;
 pub use request::Stamp;
 use request::{Answer, Failure, First, STOPPED};
 
@@ -131,7 +132,7 @@ impl Remote {
                 if has_waited.get() {
                     (network().watch)(path, Some((1, 1)));
                 }
-                first.map_err(io::Error::other)?
+                first?
             }
         };
         let (base, stamp, answer) = match (first, known) {
@@ -403,8 +404,7 @@ impl Remote {
             filler.give(at, bytes)
         };
         let goes_on = || self.stops() == stops && self.goes_on();
-        let part = request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole, &goes_on);
-        part.map_err(io::Error::other)
+        request::part(&self.address, range, &self.stamp, &self.weak, give, &mut take_whole, &goes_on)
     }
 
     /// Writes what an answer brings that is not a part of a known file.

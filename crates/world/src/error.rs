@@ -53,14 +53,15 @@ fn is_of_input(error: &codec::Error) -> bool {
 }
 
 /// Whether what could not be read may come when it is asked for later: a server or a disk has failed, and nothing is
-/// damaged or gone.
+/// damaged, refused or gone.
 pub(crate) fn may_come(error: &stream::Error) -> bool {
-    match error {
-        stream::Error::Io { reason, .. } | stream::Error::Input(codec::Error::Io { reason, .. }) => {
-            reason.kind() != std::io::ErrorKind::NotFound
-        }
-        _ => false,
-    }
+    use std::io::ErrorKind::{InvalidData, NotFound, Other, PermissionDenied, UnexpectedEof};
+    let (stream::Error::Io { reason, .. } | stream::Error::Input(codec::Error::Io { reason, .. })) = error else {
+        return false;
+    };
+    // Other errors of servers are final.
+    let is_final = matches!(reason.kind(), InvalidData | NotFound | Other | PermissionDenied | UnexpectedEof);
+    reason.kind() == codec::NO_ANSWER || !is_final
 }
 
 /// Whether a streamed file cannot be read, rather than written.

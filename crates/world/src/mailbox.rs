@@ -12,7 +12,7 @@ use stream::{MirrorBound, NodeId, Pages, ViewMeasure};
 
 use crate::chunk_key::Part;
 use crate::task::{CloudTask, CloudTasks};
-use crate::tiles::{Fit, FoundTile};
+use crate::tiles::{Fit, FoundTile, TileProblem};
 
 /// The longest time for which anything waits for a picture.
 const LONGEST_FRAME: Duration = Duration::from_secs(2);
@@ -103,7 +103,7 @@ pub(crate) enum StreamRequest {
     /// One page of the list of nodes of a cloud was read: the parent and the octant of its topmost node.
     List { cloud: usize, place: (NodeId, u8), found: stream::Result<PageNodes> },
     /// A tile of a cloud was opened, or cannot be.
-    Tile { cloud: usize, tile: usize, found: Result<FoundTile, String> },
+    Tile { cloud: usize, tile: usize, found: Result<FoundTile, TileProblem> },
     /// Stops opening tiles until the view changes.
     StopTiles,
 }
@@ -327,7 +327,7 @@ impl Mailbox {
     }
 
     /// Passes on a tile that was opened.
-    pub(crate) fn pass_tile(&self, cloud: usize, tile: usize, found: Result<FoundTile, String>) {
+    pub(crate) fn pass_tile(&self, cloud: usize, tile: usize, found: Result<FoundTile, TileProblem>) {
         self.ask(&mut self.mail(), StreamRequest::Tile { cloud, tile, found });
     }
 

@@ -15,10 +15,11 @@ use stream::{Again, Node, NodeId, Octree, Pages};
 
 use crate::budget::half_of;
 use crate::chunk_key::Part;
+use crate::error::may_come;
 use crate::event::{IndexState, Opened};
 use crate::input::Input;
 use crate::mailbox::{Arrival, Mailbox};
-use crate::source::{file_name, open_file, surfel_options, up_of};
+use crate::source::{file_name, surfel_options, up_of};
 
 /// The number of tiles that are opened at once: more than wait for a server, few enough to leave it to others.
 const AT_ONCE: usize = 8;
@@ -101,6 +102,8 @@ struct Tile {
     state: State,
     /// What is wrong with it, if it could not be read, and when it is tried again.
     failed: Option<(String, Again)>,
+    /// If it cannot be read: whether it may come later.
+    may_come: bool,
 }
 
 enum State {
@@ -177,7 +180,7 @@ impl Tile {
         let points = points.filter(|points| *points > 0 && is_copc)?;
         let is_near = |place: DVec3| place.abs().max_element() < FARTHEST;
         let bounds = bounds.filter(|bounds| is_near(bounds.min) && is_near(bounds.max))?;
-        Some(Self { path, points, bounds, state: State::Closed, failed: None })
+        Some(Self { path, points, bounds, state: State::Closed, failed: None, may_come: false })
     }
 
     /// The number of nodes that are in memory at most while it is open.
@@ -188,24 +191,31 @@ impl Tile {
     }
 }
 
+/// Why a tile cannot be read, and whether it may come later.
+pub(crate) type TileProblem = (String, bool);
+
 /// Opens a tile, which must be a COPC file.
-fn open_tile(path: &Path, settings: &Settings) -> Result<Arc<Source>, String> {
-    let scans = open_file(path, half_of(settings.stream.host_bytes) / LIST_SHARE)?;
-    let source = scans.into_iter().next().ok_or("a file without scans")?;
-    match source.copc() {
-        Some(_) => Ok(source),
-        None => Err(format!("{}: no COPC file with an octree that can be used; it can be opened alone", shown(path))),
+fn open_tile(path: &Path, settings: &Settings) -> Result<Arc<Source>, TileProblem> {
+    let told = |error: codec::Error| (error.to_string(), may_come(&error.into()));
+    let scans = codec::open_scans(path, half_of(settings.stream.host_bytes) / LIST_SHARE).map_err(told)?;
+    let source = scans.into_iter().next().ok_or_else(|| ("a file without scans".to_owned(), false))?;
+    if source.copc().is_none() {
+        let problem = "no COPC file with an octree that can be used; it can be opened alone";
+        return Err((format!("{}: {problem}", shown(path)), false));
     }
+    Ok(Arc::new(source))
 }
 
 /// Opens a tile, and finds how its normals and radii are estimated.
-fn find_tile(path: &Path, settings: &Settings) -> Result<FoundTile, String> {
+fn find_tile(path: &Path, settings: &Settings) -> Result<FoundTile, TileProblem> {
     let source = open_tile(path, settings)?;
-    let pages = Pages::copc(&source, &BTreeSet::new()).ok_or("a file without a grid")?;
+    let pages = Pages::copc(&source, &BTreeSet::new()).ok_or_else(|| ("a file without a grid".to_owned(), false))?;
     let estimate = match surfel_options(&pages, up_of(source.info(), settings), source.info().scanner(), settings) {
         Ok(estimate) => Some(estimate),
         // The tile is tried again as a whole, so that its radii are those of the file.
-        Err(stream::Error::Input(error @ codec::Error::Io { .. })) => return Err(error.to_string()),
+        Err(error @ stream::Error::Input(codec::Error::Io { .. })) => {
+            return Err((error.to_string(), may_come(&error)));
+        }
         Err(error) => {
             tracing::warn!(path = %path.display(), %error, "pages cannot be read");
             None
@@ -310,7 +320,7 @@ impl Tiles {
 
     /// For each tile that could not be read, whether it may come later.
     pub(crate) fn missing(&self) -> impl Iterator<Item = bool> {
-        self.tiles.iter().filter(|tile| tile.failed.is_some()).map(|tile| codec::is_address(&tile.path))
+        self.tiles.iter().filter(|tile| tile.failed.is_some()).map(|tile| tile.may_come)
     }
 
     pub(crate) fn points(&self) -> u64 {
@@ -490,11 +500,11 @@ impl Tiles {
             let answer = mailbox.clone();
             let find = move || {
                 let found = std::panic::catch_unwind(AssertUnwindSafe(|| find_tile(&path, &settings)));
-                let panicked = |_| Err(format!("{}: the reader failed", shown(&path)));
+                let panicked = |_| Err((format!("{}: the reader failed", shown(&path)), false));
                 answer.pass_tile(cloud, index, found.unwrap_or_else(panicked));
             };
             if let Err(error) = std::thread::Builder::new().name("tile".into()).spawn(find) {
-                mailbox.pass_tile(cloud, index, Err(error.to_string()));
+                mailbox.pass_tile(cloud, index, Err((error.to_string(), true)));
             }
         }
         closed
@@ -513,7 +523,7 @@ impl Tiles {
     }
 
     /// Takes over a tile that was opened, or says why it cannot be.
-    pub(crate) fn put(&mut self, index: usize, found: Result<FoundTile, String>) -> Put {
+    pub(crate) fn put(&mut self, index: usize, found: Result<FoundTile, TileProblem>) -> Put {
         let mut put = Put::default();
         let path = shown(&self.tiles[index].path);
         let FoundTile { source, estimate } = match found {
@@ -522,9 +532,9 @@ impl Tiles {
                 self.tiles[index].state = State::Closed;
                 return put;
             }
-            Err(error) => {
+            Err((error, may_come)) => {
                 let tile = &mut self.tiles[index];
-                tile.state = State::Missing;
+                (tile.state, tile.may_come) = (State::Missing, may_come);
                 let problem = format!("{}: a tile is missing: {error}", self.input);
                 let (problem, before) = match tile.failed.take() {
                     Some((problem, again)) => (problem, Some(again)),

@@ -1,7 +1,7 @@
 //! Asks servers for parts of files. A server may be slow, cut connections, lie about ranges, send without end or send
 //! elsewhere: every answer is checked against what was asked for, and no more is read than that.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read as _};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::ops::Range;
@@ -18,6 +18,9 @@ use ureq::{Agent, Body};
 use super::certificates::authorities;
 use super::network::network;
 use crate::address::Address;
+
+/// The kind of errors where a server has no answer now, and may have one later.
+pub const NO_ANSWER: io::ErrorKind = io::ErrorKind::HostUnreachable;
 
 /// What is said of a file that is no longer the one that was opened.
 pub const CHANGED: &str = "the file on the server has changed since it was opened; open it again";
@@ -142,7 +145,7 @@ pub fn first(
     most: Option<u64>,
     known: Option<&Stamp>,
     goes_on: &dyn Fn() -> bool,
-) -> Result<First, String> {
+) -> io::Result<First> {
     repeated(address, goes_on, || {
         let mut headers: Vec<(&str, String)> = Vec::new();
         headers.extend(most.map(|most| ("range", format!("bytes=0-{}", most.max(1) - 1))));
@@ -178,7 +181,7 @@ pub fn part(
     give: &mut dyn FnMut(u64, &[u8]) -> io::Result<()>,
     take_whole: &mut dyn FnMut(Answer) -> Result<(), Failure>,
     goes_on: &dyn Fn() -> bool,
-) -> Result<(), String> {
+) -> io::Result<()> {
     let mut from = range.start;
     repeated(address, goes_on, || {
         // What came before an answer was cut is there.
@@ -209,12 +212,18 @@ struct Rests {
     whole: Option<(Instant, Option<String>)>,
     /// The same of files for which it had no answer.
     files: BTreeMap<String, (Instant, String)>,
-    /// How many of them there were since it last had an answer, and when that was.
-    failed_files: usize,
+    /// Those of them since it last had an answer, up to [`MOST_FILES`], and when that was.
+    failing: BTreeSet<String>,
     answered: Option<Instant>,
 }
 
 impl Rests {
+    /// Takes note that the server is well.
+    fn has_answered(&mut self) {
+        self.failing.clear();
+        self.answered = Some(Instant::now());
+    }
+
     /// Until when a file is not asked for, and what is said meanwhile.
     fn of(&self, file: &str) -> Option<(Instant, Option<String>)> {
         let own = self.files.get(file).map(|(until, told)| (*until, Some(told.clone())));
@@ -230,20 +239,23 @@ impl Rests {
             return;
         }
         let until = now + FILE_LEFT_ALONE;
+        if self.failing.len() < MOST_FILES {
+            self.failing.insert(file.clone());
+        }
         self.files.insert(file, (until, told.clone()));
-        self.failed_files += 1;
-        if self.failed_files >= MOST_FILES && self.whole.as_ref().is_none_or(|(known, _)| *known < until) {
+        if self.failing.len() >= MOST_FILES && self.whole.as_ref().is_none_or(|(known, _)| *known < until) {
             self.whole = Some((until, Some(told)));
         }
     }
 }
 
-/// Tries again, each time after a longer wait, what may only have failed for a moment.
+/// Tries again, each time after a longer wait, what may only have failed for a moment. Errors are of the kind
+/// [`NO_ANSWER`] where the server may have an answer later.
 fn repeated<T>(
     address: &Address,
     goes_on: &dyn Fn() -> bool,
     mut work: impl FnMut() -> Result<T, Failure>,
-) -> Result<T, String> {
+) -> io::Result<T> {
     static SERVERS: Mutex<BTreeMap<String, Arc<Mutex<Rests>>>> = Mutex::new(BTreeMap::new());
     let mut servers = SERVERS.lock().unwrap_or_else(PoisonError::into_inner);
     let server = servers.entry(address.authority.clone()).or_default().clone();
@@ -252,6 +264,10 @@ fn repeated<T>(
     let file = address.text();
     let later = |problem: &str| format!("{problem}, and is not asked yet");
     let left_alone = |problem: &str| rests().whole = Some((Instant::now() + LEFT_ALONE, Some(later(problem))));
+    let passing = |problem: String| match problem == STOPPED {
+        true => io::Error::other(problem),
+        false => io::Error::new(NO_ANSWER, problem),
+    };
     let first_began = Instant::now();
     let mut waits = network().waits.iter();
     let mut again = |problem: String| match waits.next() {
@@ -262,9 +278,9 @@ fn repeated<T>(
     loop {
         let rest = rests().of(&file);
         match rest {
-            Some((_, Some(problem))) => return Err(problem),
+            Some((_, Some(problem))) => return Err(passing(problem)),
             Some((until, None)) => {
-                wait(until, goes_on)?;
+                wait(until, goes_on).map_err(passing)?;
                 // Others may have been told more meanwhile.
                 continue;
             }
@@ -276,15 +292,19 @@ fn repeated<T>(
                 let mut rests = rests();
                 rests.whole.take_if(|(_, told)| told.is_some());
                 rests.files.remove(&file);
-                (rests.failed_files, rests.answered) = (0, Some(Instant::now()));
+                rests.has_answered();
                 return Ok(done);
             }
-            Err(Failure::Final(problem)) => return Err(problem),
-            Err(Failure::Again(problem)) => again(problem)?,
-            Err(Failure::Unable(problem)) => again(problem).inspect_err(|told| {
+            Err(Failure::Final(problem)) => {
+                rests().has_answered();
+                return Err(io::Error::other(problem));
+            }
+            Err(Failure::Again(problem)) => again(problem).map_err(passing)?,
+            Err(Failure::Unable(problem)) => again(problem).map_err(|told| {
                 if told != STOPPED {
-                    rests().leave_alone(file.clone(), first_began, later(told));
+                    rests().leave_alone(file.clone(), first_began, later(&told));
                 }
+                passing(told)
             })?,
             Err(Failure::Later(time, problem)) => {
                 let problem = format!("{problem} and asks to wait for {} s", time.as_secs());
@@ -292,7 +312,7 @@ fn repeated<T>(
                 let patience = network().silence * MOST_PATIENCE;
                 if time > patience / 2 || waiting > patience {
                     left_alone(&problem);
-                    return Err(problem);
+                    return Err(passing(problem));
                 }
                 // So do all others that ask it.
                 let now = Instant::now();
@@ -308,7 +328,8 @@ fn repeated<T>(
                 if silences == MOST_SILENCES {
                     left_alone("the server was silent a moment ago");
                     let (count, seconds) = (times(silences), silent.as_secs());
-                    return Err(format!("the server is silent, or too slow (waited {count}, {seconds} s in all)"));
+                    let told = format!("the server is silent, or too slow (waited {count}, {seconds} s in all)");
+                    return Err(passing(told));
                 }
             }
         }
@@ -340,7 +361,11 @@ fn times(count: usize) -> String {
 fn sent(address: &Address, headers: &[(&str, String)]) -> Result<(Address, Response<Body>), Failure> {
     let (mut address, mut base) = (address.clone(), address.clone());
     for _ in 0..=MOST_REDIRECTS {
-        let mut request = agent()?.get(address.text());
+        let (agent, problem) = agent();
+        if let Some(problem) = problem.filter(|_| address.is_secure) {
+            return Err(Failure::Final(problem.to_owned()));
+        }
+        let mut request = agent.get(address.text());
         for (name, value) in headers {
             request = request.header(*name, value);
         }
@@ -509,10 +534,14 @@ fn of_reading(error: &io::Error) -> Failure {
 }
 
 /// The connections of this process; the first request makes them.
-fn agent() -> Result<&'static Agent, Failure> {
-    static AGENT: OnceLock<Result<Agent, String>> = OnceLock::new();
-    let made = AGENT.get_or_init(|| {
-        let roots = authorities()?.unwrap_or(RootCerts::WebPki);
+/// What is wrong with the authorities that a person names, which matters for https alone, comes with them.
+fn agent() -> (&'static Agent, Option<&'static str>) {
+    static AGENT: OnceLock<(Agent, Option<String>)> = OnceLock::new();
+    let (agent, problem) = AGENT.get_or_init(|| {
+        let (roots, problem) = match authorities() {
+            Ok(roots) => (roots.unwrap_or(RootCerts::WebPki), None),
+            Err(problem) => (RootCerts::WebPki, Some(problem)),
+        };
         let config = Agent::config_builder()
             .http_status_as_error(false)
             .max_redirects(0)
@@ -527,9 +556,9 @@ fn agent() -> Result<&'static Agent, Failure> {
             .timeout_per_read(Some(network().silence))
             .tls_config(TlsConfig::builder().root_certs(roots).build())
             .build();
-        Ok(Agent::with_parts(config, DefaultConnector::default(), PublicResolver))
+        (Agent::with_parts(config, DefaultConnector::default(), PublicResolver), problem)
     });
-    made.as_ref().map_err(|problem| Failure::Final(problem.clone()))
+    (agent, problem.as_deref())
 }
 
 /// Finds the addresses of hosts, without private ones for hosts that no person has typed: a server elsewhere must not be
