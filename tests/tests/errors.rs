@@ -602,8 +602,13 @@ fn two_interruptions_end_a_program_whose_output_nobody_reads() {
     let mut command = folder.command(["methods", "--json"]);
     command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
     let mut program = command.spawn().expect("the program starts");
-    // More than a pipe holds, so that it waits for a reader for ever.
-    std::thread::sleep(Duration::from_secs(1));
+    // It writes more than a pipe holds, and waits for a reader for ever.
+    let start = Instant::now();
+    while !catches_interruptions(program.id()).unwrap_or(start.elapsed() > Duration::from_secs(5)) {
+        assert!(start.elapsed() < PATIENCE, "it does not catch signals");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(500));
     assert!(program.try_wait().expect("a child").is_none(), "all of its output fits into the pipe");
     for _ in 0..2 {
         let _ = Command::new("kill").args(["-INT", &program.id().to_string()]).status();
@@ -620,4 +625,11 @@ fn two_interruptions_end_a_program_whose_output_nobody_reads() {
         std::thread::sleep(Duration::from_millis(20));
     };
     assert_eq!(status.code(), Some(130), "after {:?}", pressed.elapsed());
+}
+
+/// Whether a process catches SIGINT; `None` where the system does not say.
+fn catches_interruptions(id: u32) -> Option<bool> {
+    let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:"))?;
+    Some(u64::from_str_radix(mask.trim(), 16).ok()? & 1 << 1 != 0)
 }
