@@ -169,6 +169,11 @@ impl QuickPicture {
         PictureRows::own(std::mem::take(&mut self.pixels.picture), self.size[0])
     }
 
+    /// The share of the pixels of the last picture that need light and whose light no picture at rest knows.
+    pub fn unlit(&self) -> f32 {
+        self.pixels.unlit
+    }
+
     /// The point drawn nearest to a pixel of the last picture, at most `radius` pixels from it.
     pub fn pick(&self, store: &PointStore, pixel: [u32; 2], radius: u32) -> Option<Picked> {
         let [across, down] = [0, 1].map(|axis| {

@@ -261,20 +261,20 @@ fn a_quick_picture_takes_over_the_light_of_a_later_picture_where_the_first_knows
         [-0.9, 0.9].map(|x| Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(x, 0.25, 0.4), 5.0, DVec3::Z));
     still(&mut stage, &store, &before, &settings);
     let first = stage.renderer.known_light(&settings).unwrap();
-    let rest = still(&mut stage, &store, &behind, &settings);
-    // That side is dark, so that its own exposure is another one.
+    // That side is dark, so that its own exposure is another one, which the quick picture takes over, too.
     for fit in ["locked", "always"] {
         let mut own = settings.clone();
         own.set_text("tone.fit", fit).unwrap();
-        still(&mut stage, &store, &behind, &own);
+        let rest = still(&mut stage, &store, &behind, &own);
         let later = stage.renderer.known_light(&own).unwrap();
         let mut quick = QuickPicture::default();
-        let mut error = |mirrors| {
-            let known = Known { light: Some(&first), mirrors, ..Known::default() };
+        let mut error = |coarse| {
+            let known = Known { light: Some(&first), coarse, ..Known::default() };
             quick.draw(&store, &behind, &settings, SIZE, ALL, known);
-            difference(&quick.take_rows().tight(), &rest)
+            (difference(&quick.take_rows().tight(), &rest), quick.unlit())
         };
-        let (both, alone) = (error(Some(&later)), error(None));
+        let ((both, unlit), (alone, unlit_alone)) = (error(Some(&later)), error(None));
+        assert!(unlit == unlit_alone && unlit > 0.3, "the picture at rest knows the light but for {unlit}");
         assert!(alone > 1.5 * both, "{fit}: {both} with the later picture and {alone} without it");
     }
 }
@@ -300,7 +300,7 @@ fn a_quick_picture_takes_over_the_light_of_pictures_before_the_last_one() {
         [&before, &last].into_iter().for_each(|known| earlier.add(known));
         let mut quick = QuickPicture::default();
         let mut error = |earlier| {
-            quick.draw(&store, &dark, &settings, SIZE, ALL, Known { light: Some(&last), earlier, mirrors: None });
+            quick.draw(&store, &dark, &settings, SIZE, ALL, Known { light: Some(&last), earlier, coarse: None });
             difference(&quick.take_rows().tight(), &rest)
         };
         let (both, alone) = (error(Some(&earlier)), error(None));
@@ -344,7 +344,7 @@ fn error_of_mirror(stage: &mut Stage, refraction: f32) -> f64 {
     still(stage, &store, &view(0.0), &settings);
     let known = stage.renderer.known_light(&settings).unwrap();
     let mut quick = QuickPicture::default();
-    quick.draw(&store, &view(0.5), &settings, SIZE, ALL, Known { mirrors: Some(&known), ..Known::default() });
+    quick.draw(&store, &view(0.5), &settings, SIZE, ALL, Known { coarse: Some(&known), ..Known::default() });
     let picture = quick.take_rows().tight();
     let pixels = is_mirror.iter().zip(picture.chunks_exact(4).zip(rest.chunks_exact(4)));
     let errors: Vec<f64> = pixels.filter(|(is, _)| **is == 1.0).map(|(_, (a, b))| difference(a, b)).collect();

@@ -25,14 +25,16 @@ pub struct MovingPictures {
     light: Option<(LightInputs, Arc<KnownLight>)>,
     /// Its light and that of those before it; `None` if the points have changed since.
     earlier: Option<EarlierLight>,
-    mirrors: Option<Reflections>,
+    coarse: Option<CoarseFrame>,
+    /// Whether the last quick picture shows much that no picture at rest has lit.
+    is_beyond_rest: bool,
     reflected: ReflectedPace,
     trail: Trail,
     /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, its camera,
     /// and its reflections in one another.
     stand: Option<(Vec<Mirror>, Camera, u32)>,
-    /// Why coarse frames fail, since the last one that did not.
-    failure: Option<String>,
+    /// When the last coarse frame failed, and why, if none was drawn since.
+    failure: Option<(Instant, String)>,
     /// Whether the passes of a frame with mirrors are compiled.
     pub can_reflect: bool,
     /// Whether the picture in the window is a quick one.
@@ -59,16 +61,16 @@ impl LightInputs {
     }
 }
 
-/// What mirrors show depends on, besides points and camera.
+/// What mirrors show, and the light on what pictures at rest do not show, depends on, besides points and camera.
 #[derive(PartialEq)]
-struct MirrorInputs {
+struct CoarseInputs {
     light: LightInputs,
     settings: Settings,
     mirrors: Vec<Mirror>,
     test: PointTest,
 }
 
-impl MirrorInputs {
+impl CoarseInputs {
     fn new(request: &FrameRequest) -> Self {
         // A picture at rest and a hurried one of the same values show the same, as for light.
         let settings = hurried(&request.settings, false).only(|field| field.affects.found);
@@ -161,12 +163,12 @@ fn is_near(from: &Camera, to: &Camera) -> bool {
     from.eye.distance(to.eye) <= 0.5 * from.distance() && from.forward().dot(to.forward()) > 0.7
 }
 
-/// What mirrors show in a coarse frame, or in the last picture at rest.
-struct Reflections {
+/// What mirrors show, and the light on the points, in a coarse frame or in the last picture at rest.
+struct CoarseFrame {
     /// When the coarse frame was begun, or handed over if a picture waited for it, or when a moving picture first showed
     /// what the one at rest does.
     since: Option<Instant>,
-    of: MirrorInputs,
+    of: CoarseInputs,
     /// The revision of the points, and whether it is that of the picture at rest. Coarse frames may lag behind theirs.
     points: u64,
     is_rest: bool,
@@ -177,17 +179,27 @@ struct Reflections {
     share: ReflectedShare,
 }
 
-impl Reflections {
+impl CoarseFrame {
+    /// How long after a coarse frame for light alone was begun the next one is: light sticks to the points, other than
+    /// what mirrors show.
+    fn light_stays(&self) -> Duration {
+        self.lasted + (self.took * 10).max(COARSE_STAYS[0] * 2)
+    }
+
+    fn is_older_than(&self, time: Duration) -> bool {
+        self.since.is_some_and(|since| since.elapsed() >= time)
+    }
+
     /// How long after the coarse frame was begun the next one is.
     fn stays(&self) -> Duration {
-        (self.took * 5).clamp(MIRRORS_STAY[0], MIRRORS_STAY[1])
+        (self.took * 5).clamp(COARSE_STAYS[0], COARSE_STAYS[1])
     }
 }
 
-/// What is known of what mirrors show in a hurried frame, however long ago.
-fn reflections<'a>(known: Option<&'a Reflections>, request: &FrameRequest) -> Option<&'a Reflections> {
-    let is_of_points = |known: &Reflections| !known.is_rest || known.points == request.revision;
-    known.filter(|known| is_of_points(known) && known.of == MirrorInputs::new(request))
+/// The coarse frame, however long ago, that shows what mirrors show in a hurried frame.
+fn coarse_for<'a>(known: Option<&'a CoarseFrame>, request: &FrameRequest) -> Option<&'a CoarseFrame> {
+    let is_of_points = |known: &CoarseFrame| !known.is_rest || known.points == request.revision;
+    known.filter(|known| is_of_points(known) && known.of == CoarseInputs::new(request))
 }
 
 /// The pixels that a frame draws, as a share of those that it fills on the screen.
@@ -202,9 +214,12 @@ fn is_unlit(request: &FrameRequest) -> bool {
 
 /// How long after a coarse frame was begun the next one is, or after it was done if a picture waited for it: five times as
 /// long as it took to draw, so that most of the time is left for the pictures themselves, but at least and at most so long.
-const MIRRORS_STAY: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(1200)];
+const COARSE_STAYS: [Duration; 2] = [Duration::from_millis(300), Duration::from_millis(1200)];
 /// The pixels of the screen that each pixel of the coarse frame fills, along each side.
-const OF_MIRRORS: u32 = 5;
+const OF_COARSE: u32 = 5;
+/// The share of the lit pixels whose light pictures at rest need not know, so that no coarse frame is drawn for it. A quarter
+/// of it remains where coarse frames end again.
+const MOST_UNLIT: f32 = 0.1;
 /// The most reflections in one another that mirrors show in the coarse frame while the camera moves.
 const MOST_BOUNCES: u32 = 2;
 /// The pixels of the screen that each pixel of the coarse frame fills where only parameters change.
@@ -225,35 +240,47 @@ impl MovingPictures {
         self.can_reflect && (!request.mirrors.is_empty() || store.has_mirrors())
     }
 
-    /// The coarse frame that the renderer must draw, and `keep_mirrors` get, before a hurried frame can be a quick
+    /// Whether quick pictures may need coarse frames.
+    pub fn may_need_coarse(&self, store: &PointStore, request: &FrameRequest) -> bool {
+        self.reflects(store, request) || !is_unlit(request)
+    }
+
+    /// The coarse frame that the renderer must draw, and `keep_coarse` get, before a hurried frame can be a quick
     /// picture; `None` if it needs none, or cannot be one.
     pub fn lacks(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
         let reflects = self.reflects(store, request);
-        if !reflects || !self.can_draw(gpu, request) || reflections(self.mirrors.as_ref(), request).is_some() {
+        if !reflects || !self.can_draw(gpu, request) || coarse_for(self.coarse.as_ref(), request).is_some() {
             return None;
         }
         Some(self.coarse(request))
     }
 
-    /// The coarse frame that the renderer should draw, and `keep_mirrors` get, after a quick picture, because what mirrors
-    /// show in it has stayed for long enough.
+    /// The coarse frame that the renderer should draw, and `keep_coarse` get, after a quick picture, because what mirrors
+    /// show in it, or light that no picture at rest knows, has stayed for long enough.
     pub fn is_due(&self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<FrameRequest> {
-        let known = reflections(self.mirrors.as_ref(), request)?;
-        let stays = match known.points == request.revision {
-            true => known.stays(),
+        let reflects = self.reflects(store, request);
+        let is_wanted = reflects || self.is_beyond_rest && self.is_shown && !is_unlit(request);
+        let is_due = match coarse_for(self.coarse.as_ref(), request) {
             // Mirrors must not go on to show clouds that are gone, but while points arrive half of the time is for pictures.
-            false => known.took * 2,
+            Some(known) if reflects && known.points != request.revision => known.is_older_than(known.took * 2),
+            Some(known) if reflects => known.is_older_than(known.stays()),
+            // Where mirrors reflect, `lacks` has asked for one before. The last one may be of other values.
+            known => {
+                let failed = self.failure.as_ref().is_some_and(|(at, _)| at.elapsed() < COARSE_STAYS[1]);
+                let has_stayed = |known: &CoarseFrame| known.is_older_than(known.light_stays());
+                !failed && known.or(self.coarse.as_ref()).is_none_or(has_stayed)
+            }
         };
-        let is_due = known.since.is_some_and(|since| since.elapsed() >= stays);
-        (is_due && self.reflects(store, request) && self.can_draw(gpu, request)).then(|| self.coarse(request))
+        (is_due && is_wanted && self.can_draw(gpu, request)).then(|| self.coarse(request))
     }
 
     /// Puts off the coarse frame that is due, because drawing it failed. Whether that is another failure than the last one.
     pub fn put_off(&mut self, failure: &str) -> bool {
-        if let Some(mirrors) = &mut self.mirrors {
-            mirrors.since = Some(Instant::now());
+        if let Some(coarse) = &mut self.coarse {
+            coarse.since = Some(Instant::now());
         }
-        self.failure.replace(failure.to_owned()).as_deref() != Some(failure)
+        let before = self.failure.replace((Instant::now(), failure.to_owned()));
+        before.is_none_or(|(_, before)| before != failure)
     }
 
     /// The coarse frame for a hurried one.
@@ -264,15 +291,15 @@ impl MovingPictures {
     /// The coarse frame for a hurried one, where the camera `stands` or moves.
     pub fn coarse_of(&self, request: &FrameRequest, stands: bool) -> FrameRequest {
         // Where the camera stands, the surface is kept from one frame to the next.
-        let divisor = if stands { OF_STANDING_MIRRORS } else { OF_MIRRORS };
+        let divisor = if stands { OF_STANDING_MIRRORS } else { OF_COARSE };
         let pixels = request.size.map(|edge| u64::from(edge / divisor)).iter().product();
         let most_reflected = Some(self.reflected.most(&request.settings));
         let spared = Spared { divisor, most_points: Some(pixels), most_reflected };
         let mut coarse = FrameRequest { spared: Some(spared), ..request.clone() };
         if !stands && request.light_may_lag {
             // It is shown from when it is done until the next one is. It shows what mirrors show in the middle of that time.
-            let known = self.mirrors.as_ref().filter(|known| !known.is_rest);
-            let until = known.map_or(MIRRORS_STAY[0] / 2, |known| known.lasted + known.stays() / 2);
+            let known = self.coarse.as_ref().filter(|known| !known.is_rest);
+            let until = known.map_or(COARSE_STAYS[0] / 2, |known| known.lasted + known.stays() / 2);
             coarse.camera = self.trail.ahead(request.camera, Instant::now(), until);
         }
         // What mirrors show of one another is missed more than finer pixels.
@@ -302,16 +329,18 @@ impl MovingPictures {
     pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<(FrameStats, PictureRows)> {
         let FrameRequest { camera, settings, .. } = request;
         let reflects = self.reflects(store, request);
-        if let Some(mirrors) = &mut self.mirrors {
-            mirrors.since.get_or_insert_with(Instant::now);
+        if let Some(coarse) = &mut self.coarse {
+            coarse.since.get_or_insert_with(Instant::now);
         }
-        let mirrors = reflections(self.mirrors.as_ref(), request).filter(|_| reflects);
-        if !self.can_draw(gpu, request) || reflects && mirrors.is_none() {
+        let coarse = coarse_for(self.coarse.as_ref(), request);
+        if !self.can_draw(gpu, request) || reflects && coarse.is_none() {
             return None;
         }
         // The coarse frame knows the light, too.
         let inputs = LightInputs::new(request);
-        let shown = mirrors.map(|mirrors| &*mirrors.known);
+        // What its exposure is of may be out of sight.
+        let coarse = coarse.filter(|_| reflects || self.is_beyond_rest);
+        let shown = coarse.map(|coarse| &*coarse.known);
         let of_rest = self.light.as_ref().filter(|(of, _)| *of == inputs).map(|(_, light)| &**light);
         // Pictures before the last one at rest have the same light as that.
         let earlier = self.earlier.as_ref().filter(|_| of_rest.is_some());
@@ -323,27 +352,32 @@ impl MovingPictures {
         self.trail.go_to(request.camera, Instant::now());
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor, most_as_discs: Detail::MOST_AS_DISCS };
-        let known = Known { light, earlier, mirrors: shown };
+        let known = Known { light, earlier, coarse: shown };
         let mut stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
-        stats.reflected = mirrors.map(|mirrors| mirrors.share);
+        let most_unlit = if self.is_beyond_rest { MOST_UNLIT / 4.0 } else { MOST_UNLIT };
+        self.is_beyond_rest = self.quick.unlit() > most_unlit;
+        stats.reflected = coarse.filter(|_| reflects).map(|coarse| coarse.share);
         self.is_shown = true;
         Some((stats, self.quick.take_rows()))
     }
 
-    /// Keeps what mirrors show in the coarse frame that the renderer holds, and that took the time of `stats`; `since` is
-    /// when it was begun, or when it was done if a picture waited for it.
+    /// Keeps the light and what mirrors show in the coarse frame that the renderer holds, and that took the time of `stats`;
+    /// `since` is when it was begun, or when it was done if a picture waited for it.
     ///
     /// # Errors
     /// The device was lost.
-    pub fn keep_mirrors(
+    pub fn keep_coarse(
         &mut self,
         renderer: &Renderer,
+        store: &PointStore,
         request: &FrameRequest,
         since: Instant,
         stats: &FrameStats,
     ) -> render::Result<()> {
         self.failure = None;
-        self.reflected.learn(&request.settings, stats);
+        if self.reflects(store, request) {
+            self.reflected.learn(&request.settings, stats);
+        }
         let known = renderer.known_light(&request.settings)?;
         let share =
             ReflectedShare { pixels: share_of_pixels(request), ..stats.reflected.unwrap_or(ReflectedShare::ALL) };
@@ -351,9 +385,9 @@ impl MovingPictures {
         let milliseconds = if stats.has_compiled { 0.0 } else { stats.frame_milliseconds };
         let took = Duration::try_from_secs_f64(milliseconds * 1e-3).unwrap_or_default();
         let lasted = since.elapsed().max(took);
-        let (since, of, known) = (Some(since), MirrorInputs::new(request), Arc::new(known));
+        let (since, of, known) = (Some(since), CoarseInputs::new(request), Arc::new(known));
         let points = request.revision;
-        self.mirrors = Some(Reflections { since, of, points, is_rest: false, took, lasted, known, share });
+        self.coarse = Some(CoarseFrame { since, of, points, is_rest: false, took, lasted, known, share });
         Ok(())
     }
 
@@ -370,7 +404,7 @@ impl MovingPictures {
         request: &FrameRequest,
     ) -> render::Result<()> {
         let last = self.light.take().map(|(inputs, _)| inputs);
-        self.mirrors = None;
+        (self.coarse, self.is_beyond_rest) = (None, false);
         // Mirrors block light, and throw it.
         self.earlier.take_if(|_| self.stand.as_ref().is_some_and(|(mirrors, ..)| *mirrors != request.mirrors));
         self.stand = Some((request.mirrors.clone(), request.camera, request.settings.reflection.bounces));
@@ -378,12 +412,12 @@ impl MovingPictures {
         if gpu.is_processor() && (reflects || !is_unlit(request)) {
             let known = Arc::new(renderer.known_light(&request.settings)?);
             if reflects {
-                let (of, points) = (MirrorInputs::new(request), request.revision);
+                let (of, points) = (CoarseInputs::new(request), request.revision);
                 let share = ReflectedShare { pixels: share_of_pixels(request), ..ReflectedShare::ALL };
                 let known = known.clone();
                 let (took, lasted) = (Duration::ZERO, Duration::ZERO);
                 let (since, is_rest) = (None, true);
-                self.mirrors = Some(Reflections { since, of, points, is_rest, took, lasted, known, share });
+                self.coarse = Some(CoarseFrame { since, of, points, is_rest, took, lasted, known, share });
             }
             self.light = Some((LightInputs::new(request), known)).filter(|_| !is_unlit(request));
         }
@@ -526,7 +560,7 @@ mod tests {
             let own = request.settings.reflection.bounces;
             assert_eq!(moving(request.camera).coarse(request).settings.reflection.bounces, own);
             // It shows what the hurried frame needs, all the same.
-            assert!(MirrorInputs::new(&moving(elsewhere).coarse(request)) == MirrorInputs::new(request));
+            assert!(CoarseInputs::new(&moving(elsewhere).coarse(request)) == CoarseInputs::new(request));
         }
     }
 }

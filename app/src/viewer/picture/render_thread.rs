@@ -44,8 +44,8 @@ pub struct RenderThread {
 
 /// The most samples of glossy mirrors that are added before the picture in the window is renewed.
 const MOST_SAMPLES: u32 = 16;
-/// How long a coarse frame for mirrors is worked at before the next moving picture is drawn.
-const MIRRORS_SLICE: Duration = Duration::from_millis(50);
+/// How long a coarse frame is worked at before the next moving picture is drawn.
+const COARSE_SLICE: Duration = Duration::from_millis(50);
 /// The longest time for which points are uploaded before a waiting frame is drawn, if the frame before took no longer.
 const UPLOAD_SLICE: Duration = Duration::from_millis(50);
 
@@ -208,7 +208,7 @@ impl Worker {
         let mut choose = None;
         // Whether the passes for what comes after the picture on the screen are compiled.
         let mut is_prepared = true;
-        // When a frame that came during a coarse frame for mirrors began to wait, at the earliest.
+        // When a frame that came during a coarse frame began to wait, at the earliest.
         let mut waits_since = None;
         loop {
             let is_idle = frame.is_none() && estimate.is_none() && choose.is_none();
@@ -301,7 +301,7 @@ impl Worker {
                         finish(Finished::Drawn(Box::new(drawn)));
                         is_prepared = false;
                         let outcome = match request.hurried {
-                            true => self.renew_mirrors(&request, commands, &mut first, MIRRORS_SLICE, finish),
+                            true => self.renew_coarse(&request, commands, &mut first, COARSE_SLICE, finish),
                             // Of the steps between, nothing is kept.
                             false if is_new || is_whole => self.keep_light(&request).map(|()| None),
                             false => Ok(None),
@@ -569,8 +569,8 @@ impl Worker {
         if let Some(coarse) = self.moving.lacks(&self.gpu, &self.resident.store, request) {
             let (stats, _) = self.draw_by_passes(&coarse)?;
             let (milliseconds, has_compiled) = (stats.frame_milliseconds, stats.has_compiled);
-            tracing::debug!(milliseconds, has_compiled, "coarse frame for mirrors");
-            self.moving.keep_mirrors(&self.renderer, &coarse, Instant::now(), &stats)?;
+            tracing::debug!(milliseconds, has_compiled, "coarse frame");
+            self.moving.keep_coarse(&self.renderer, &self.resident.store, &coarse, Instant::now(), &stats)?;
         }
         match self.moving.draw(&self.gpu, &self.resident.store, request) {
             Some(drawn) => Ok(drawn),
@@ -579,9 +579,9 @@ impl Worker {
     }
 
     /// Draws the coarse frame that is due after a quick picture. Each time it was worked at for a `slice`, the quick picture
-    /// that waits is drawn between its passes, with what mirrors showed before; commands of other kinds wait in `queue`.
+    /// that waits is drawn between its passes, with the coarse frame before; commands of other kinds wait in `queue`.
     /// Returns since when a picture that waits now may have done so.
-    fn renew_mirrors(
+    fn renew_coarse(
         &mut self,
         shown: &FrameRequest,
         commands: &Receiver<Command>,
@@ -639,8 +639,8 @@ impl Worker {
         let since = going_on.into_inner().4;
         match outcome {
             Ok(stats) => {
-                tracing::debug!(milliseconds = stats.frame_milliseconds, "coarse frame for mirrors, between pictures");
-                self.moving.keep_mirrors(&self.renderer, &coarse, began, &stats)?;
+                tracing::debug!(milliseconds = stats.frame_milliseconds, "coarse frame, between pictures");
+                self.moving.keep_coarse(&self.renderer, &self.resident.store, &coarse, began, &stats)?;
             }
             Err(render::Error::GivenUp) => {}
             Err(error) => return Err(error),
@@ -655,7 +655,7 @@ impl Worker {
         let settings = hurried(&request.settings, false);
         let request = FrameRequest { settings, hurried: true, ..request };
         let is_processor = self.gpu.is_processor();
-        if is_processor && !self.moving.reflects(&self.resident.store, &request) {
+        if is_processor && !self.moving.may_need_coarse(&self.resident.store, &request) {
             // The processor draws all of them.
             return Ok(());
         }

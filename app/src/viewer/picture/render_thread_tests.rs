@@ -219,7 +219,7 @@ fn quick_pictures_go_on_during_a_coarse_frame_which_is_given_up_for_what_needs_n
         let (told, reports) = channel();
         let finish = |done| drop(told.send(done));
         let mut queue = VecDeque::new();
-        let since = worker.renew_mirrors(&shown, &commands, &mut queue, Duration::ZERO, &finish).unwrap();
+        let since = worker.renew_coarse(&shown, &commands, &mut queue, Duration::ZERO, &finish).unwrap();
         assert!(since.is_some() && commands.try_recv().is_err(), "no coarse frame, or nobody has looked at what came");
         let place = |done| match done {
             Finished::Drawn(drawn) if drawn.stats.is_quick => drawn.request.camera.eye.x - shown.camera.eye.x,
@@ -260,11 +260,20 @@ fn quick_pictures_go_on_during_a_coarse_frame_which_is_given_up_for_what_needs_n
     assert!((0..20).any(is_sooner), "mirrors go on to show points that are gone");
 }
 
-#[test]
-fn light_of_earlier_pictures_is_taken_over_as_long_as_the_lamps_stay() {
-    let Some(mut worker) = worker() else { return };
+/// A ball in the light of a lamp, as seen from a side along y; each side shows what the other does not.
+fn lit_ball(side: f64, red: f32) -> FrameRequest {
+    let (position, intensity) = (DVec3::new(0.0, 0.0, 6.0), [red, 40.0, 40.0]);
+    let lamp = SpotLight { position, target: DVec3::ZERO, intensity, inner_degrees: 30.0, outer_degrees: 40.0 };
+    let camera = Camera::looking(DVec3::ZERO, DVec3::Y * side, 3.0, DVec3::Z);
+    let mut request = FrameRequest { camera, mirrors: Vec::new(), lights: vec![lamp], ..*request([160, 120]) };
+    request.settings.gi.bounces = 0;
+    request
+}
+
+/// A worker with the points of the lit ball.
+fn worker_with_ball() -> Option<Worker> {
+    let mut worker = worker()?;
     let cloud = world::CloudKey(0);
-    // A ball, of which each view shows a side that the other does not.
     let direction = |index: u32| {
         let (z, angle) = (f64::from(index) / 2048.0 - 1.0, f64::from(index) * 2.4);
         let ring = (1.0 - z * z).sqrt();
@@ -277,23 +286,20 @@ fn light_of_earlier_pictures_is_taken_over_as_long_as_the_lamps_stay() {
     worker.resident.apply(Change::Open { cloud, provisional_radius: 0.06 }).unwrap();
     let key = cloud.chunk(world::Part::Block(0));
     worker.resident.apply(Change::Put { key, chunk, layout: Arc::default() }).unwrap();
+    Some(worker)
+}
 
-    let request = |side: f64, red: f32| {
-        let (position, intensity) = (DVec3::new(0.0, 0.0, 6.0), [red, 40.0, 40.0]);
-        let lamp = SpotLight { position, target: DVec3::ZERO, intensity, inner_degrees: 30.0, outer_degrees: 40.0 };
-        let camera = Camera::looking(DVec3::ZERO, DVec3::Y * side, 3.0, DVec3::Z);
-        let mut request = FrameRequest { camera, mirrors: Vec::new(), lights: vec![lamp], ..*request([160, 120]) };
-        request.settings.gi.bounces = 0;
-        request
-    };
+#[test]
+fn light_of_earlier_pictures_is_taken_over_as_long_as_the_lamps_stay() {
+    let Some(mut worker) = worker_with_ball() else { return };
     // What a view of one side is while the camera moves, after one of that side in the light of a lamp, and one of the other.
     let mut moving_after = |red: Option<f32>| {
         worker.moving = MovingPictures::default();
-        for still in red.map(|red| request(1.0, red)).into_iter().chain([request(-1.0, 40.0)]) {
+        for still in red.map(|red| lit_ball(1.0, red)).into_iter().chain([lit_ball(-1.0, 40.0)]) {
             worker.draw(still.clone(), Instant::now()).unwrap();
             worker.keep_light(&still).unwrap();
         }
-        let still = request(1.0, 40.0);
+        let still = lit_ball(1.0, 40.0);
         let drawn = worker.moving.draw(&worker.gpu, &worker.resident.store, &beside(&still, 0.0));
         drawn.expect("a quick picture").1.tight()
     };
@@ -303,18 +309,61 @@ fn light_of_earlier_pictures_is_taken_over_as_long_as_the_lamps_stay() {
 }
 
 #[test]
+fn light_that_no_picture_at_rest_knows_comes_from_coarse_frames() {
+    let Some(mut worker) = worker_with_ball() else { return };
+    let [known, unknown] = [-1.0, 1.0].map(|side| lit_ball(side, 40.0));
+    let begin = |worker: &mut Worker, still: &FrameRequest| {
+        worker.moving = MovingPictures::default();
+        worker.draw(still.clone(), Instant::now()).unwrap();
+        worker.keep_light(still).unwrap();
+    };
+    let quick = |worker: &mut Worker, still: &FrameRequest| {
+        let shown = beside(still, 0.0);
+        let (stats, rows) = worker.draw_moving(&shown).unwrap();
+        assert!(stats.is_quick);
+        (rows.tight(), worker.moving.is_due(&worker.gpu, &worker.resident.store, &shown).is_some())
+    };
+    let apart = |a: &[u8], b: &[u8]| a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum::<u64>();
+    begin(&mut worker, &unknown);
+    let (right, is_due) = quick(&mut worker, &unknown);
+    assert!(!is_due, "a coarse frame is drawn for light that is known");
+
+    begin(&mut worker, &known);
+    let (before, is_due) = quick(&mut worker, &unknown);
+    assert!(is_due, "no coarse frame is drawn for light that nobody knows");
+    let shown = beside(&unknown, 0.0);
+    let commands = channel().1;
+    worker.renew_coarse(&shown, &commands, &mut VecDeque::new(), COARSE_SLICE, &|_| {}).unwrap().expect("a frame");
+    let (after, is_due) = quick(&mut worker, &unknown);
+    assert!(!is_due, "coarse frames follow one another at once");
+    let [before, after] = [before, after].map(|picture| apart(&picture, &right));
+    assert!(after * 2 < before, "pictures are {after} apart with the light of the coarse frame, {before} without it");
+
+    // What fails is not tried after each picture, and unlit points need none.
+    begin(&mut worker, &known);
+    assert!(worker.moving.put_off("no memory"));
+    assert!(!quick(&mut worker, &unknown).1, "a coarse frame that has just failed is tried again");
+    let mut unlit = [known, unknown];
+    unlit.iter_mut().for_each(|request| request.settings.light.by = scene::Lighting::Colors);
+    begin(&mut worker, &unlit[0]);
+    assert!(!quick(&mut worker, &unlit[1]).1, "a coarse frame is drawn for points without light");
+}
+
+#[test]
 fn passes_of_coarse_frames_are_compiled_before_the_camera_moves() {
     let Some(mut worker) = worker() else { return };
-    let mut still = request([60, 48]);
-    still.settings.reflection.bounces = 2;
-    worker.draw((*still).clone(), Instant::now()).unwrap();
-    worker.keep_light(&still).unwrap();
-    worker.prepare_moving().unwrap();
-    for step in [0.0, 0.5] {
-        let compiled = worker.shaders.done();
-        let coarse = worker.moving.coarse(&beside(&still, step));
-        worker.draw_by_passes(&coarse).unwrap();
-        assert_eq!(worker.shaders.done(), compiled, "{step}");
+    let mut mirror = request([60, 48]);
+    mirror.settings.reflection.bounces = 2;
+    for still in [*mirror, lit_ball(1.0, 40.0)] {
+        worker.draw(still.clone(), Instant::now()).unwrap();
+        worker.keep_light(&still).unwrap();
+        worker.prepare_moving().unwrap();
+        for step in [0.0, 0.5] {
+            let compiled = worker.shaders.done();
+            let coarse = worker.moving.coarse(&beside(&still, step));
+            worker.draw_by_passes(&coarse).unwrap();
+            assert_eq!(worker.shaders.done(), compiled, "{step}");
+        }
     }
 }
 

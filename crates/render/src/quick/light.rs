@@ -39,8 +39,9 @@ pub struct Known<'a> {
     pub light: Option<&'a KnownLight>,
     /// The light on points of which `light` knows none.
     pub earlier: Option<&'a EarlierLight>,
-    /// What mirrors show.
-    pub mirrors: Option<&'a KnownLight>,
+    /// A coarser picture of a view that may be nearer to this one: the light on points of which the others know none, and
+    /// what mirrors show.
+    pub coarse: Option<&'a KnownLight>,
 }
 
 /// The images of a picture at rest: rows of linear values.
@@ -67,6 +68,8 @@ pub(crate) struct StillMirrors {
 const MOST: f32 = 16.0;
 /// Albedos below this do not show how much light falls on them.
 const LEAST_ALBEDO: f32 = 0.004;
+/// Colours in sRGB up to this have such albedos.
+const DARK: u8 = 13;
 /// The entries of the table of screen colours.
 const CURVE: usize = 4096;
 /// The linear light in the middle of that table.
@@ -84,6 +87,8 @@ const LOOKS: usize = 4;
 /// The width in pixels of the tiles whose mean light stands for what is not known in them.
 const TILE: usize = 16;
 
+/// A tile has light if that of one pixel in so many, of those that need it, is known.
+const LEAST_KNOWN: u64 = 8;
 /// The most pictures before the last one in which a pixel is looked for.
 const MOST_LOOKED_UP: usize = 3;
 
@@ -448,26 +453,28 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
 }
 
 /// Finds the coded light of each pixel of a view with these colours: what `known.light` knows of it, or else what the pictures
-/// before that knew, or else what `known.mirrors` knows, a coarser picture of a view that may be nearer to this one. `depth`
-/// has a border of one pixel; depths are infinite where nothing is seen. Light that is not known is that around it. Mirrors
-/// get none.
+/// before that knew, or else what `known.coarse` knows. `depth` has a border of one pixel; depths are infinite where nothing
+/// is seen. Light that is not known is that around it. Mirrors get none. All light is brightened as the last of these pictures
+/// was. Returns the share of the pixels that need light and lie in tiles of which pictures at rest know nearly none.
 pub fn spread(
     (light, known): (&KnownLight, Known<'_>),
     frame: &FrameCamera,
     size: [u32; 2],
     (depth, color): (&[f32], &[[u8; 4]]),
     lights: &mut Vec<[u8; 4]>,
-) {
+) -> f32 {
     let [width, height] = size.map(|edge| edge as usize);
     let stride = width + 2;
     lights.resize(width * height, [0; 4]);
-    let before = Before::new(&light.seen, frame);
+    let coarse = known.coarse.filter(|coarse| !std::ptr::eq(*coarse, light));
+    let shown = &*coarse.unwrap_or(light).seen;
     let shown_as = |gain: f32, [red, green, blue, kind]: [u8; 4]| {
         let [red, green, blue] = [red, green, blue].map(|code| (f32::from(code) * gain + 0.5) as u8);
         [red, green, blue, kind]
     };
-    let other = |seen| (Before::new(seen, frame), seen.gain(&light.seen));
-    let later = known.mirrors.filter(|later| !std::ptr::eq(*later, light)).map(|later| other(&*later.seen));
+    let other = |seen| (Before::new(seen, frame), seen.gain(shown));
+    let (before, gain) = other(&*light.seen);
+    let coarse = coarse.map(|coarse| other(&*coarse.seen));
     // Each picture before is looked up where all others know nothing, so only those that know most are: the others show other
     // places.
     let tiles = (0..height).step_by(TILE).flat_map(|y| (0..width).step_by(TILE).map(move |x| (x, y)));
@@ -481,29 +488,49 @@ pub fn spread(
     let mut earlier: Vec<_> = views.filter(|(known, _)| *known > 0).collect();
     earlier.sort_by_key(|(known, _)| std::cmp::Reverse(*known));
     let earlier: Vec<_> = earlier.into_iter().take(MOST_LOOKED_UP).map(|(_, view)| view).collect();
-    let rows = lights.par_chunks_mut(width).zip(color.par_chunks(width)).with_min_len(8).enumerate();
-    rows.for_each(|(y, (lights, color))| {
-        let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
-        for (x, ((light, color), depth)) in lights.iter_mut().zip(color).zip(depths).enumerate() {
-            if *depth == f32::INFINITY || color[3] == MIRROR {
-                *light = [0, 0, 0, NEEDS_NONE];
-                continue;
+    let light_of = |x: usize, y: usize, depth: f32| {
+        let of_earlier = |((before, gain), normals): &((Before<'_>, f32), &[[i8; 4]])| {
+            before.light_of_side(normals, x, y, depth).map(|light| shown_as(*gain, light))
+        };
+        let found = before.light(x, y, depth).map(|light| shown_as(gain, light));
+        found.or_else(|| earlier.iter().find_map(of_earlier))
+    };
+    // The pixels that need light, and those in tiles without it.
+    let tiles = |row: usize, lights: &mut [[u8; 4]], color: &[[u8; 4]]| {
+        let mut counts = vec![[0; 2]; width.div_ceil(TILE)];
+        for (down, (lights, color)) in lights.chunks_mut(width).zip(color.chunks(width)).enumerate() {
+            let y = row * TILE + down;
+            let depths = &depth[(y + 1) * stride + 1..(y + 2) * stride - 1];
+            for (x, ((light, color), depth)) in lights.iter_mut().zip(color).zip(depths).enumerate() {
+                if *depth == f32::INFINITY || color[3] == MIRROR {
+                    *light = [0, 0, 0, NEEDS_NONE];
+                    continue;
+                }
+                let found = light_of(x, y, *depth);
+                if color[..3].iter().any(|part| *part > DARK) {
+                    let [lit, known] = &mut counts[x / TILE];
+                    (*lit, *known) = (*lit + 1, *known + u64::from(found.is_some()));
+                }
+                let of_coarse =
+                    |(coarse, gain): &(Before<'_>, f32)| coarse.light(x, y, *depth).map(|light| shown_as(*gain, light));
+                let found = found.or_else(|| coarse.as_ref().and_then(of_coarse));
+                *light = found.unwrap_or([0, 0, 0, NOTHING]);
             }
-            let of_earlier = |((before, gain), normals): &((Before<'_>, f32), &[[i8; 4]])| {
-                before.light_of_side(normals, x, y, *depth).map(|light| shown_as(*gain, light))
-            };
-            let of_later =
-                |(later, gain): &(Before<'_>, f32)| later.light(x, y, *depth).map(|light| shown_as(*gain, light));
-            let found = before.light(x, y, *depth).or_else(|| earlier.iter().find_map(of_earlier));
-            let found = found.or_else(|| later.as_ref().and_then(of_later));
-            *light = found.unwrap_or([0, 0, 0, NOTHING]);
         }
-    });
-    fill(light, [width, height], lights);
+        counts.into_iter().fold([0; 2], |[lit, unlit], [here, known]| {
+            [lit + here, if known * LEAST_KNOWN < here { unlit + here } else { unlit }]
+        })
+    };
+    let rows = lights.par_chunks_mut(width * TILE).zip(color.par_chunks(width * TILE)).enumerate();
+    let counts = rows.map(|(row, (lights, color))| tiles(row, lights, color));
+    let [lit, unlit] = counts.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    fill((light, gain), [width, height], lights);
+    unlit as f32 / lit.max(1) as f32
 }
 
-/// Gives pixels without light the mean of their tile and of those beside it.
-fn fill(known: &KnownLight, [width, height]: [usize; 2], lights: &mut [[u8; 4]]) {
+/// Gives pixels without light the mean of their tile and of those beside it, or else the mean of what is known, whose codes
+/// grow by `gain`.
+fn fill((known, gain): (&KnownLight, f32), [width, height]: [usize; 2], lights: &mut [[u8; 4]]) {
     let tiles = [width, height].map(|edge| edge.div_ceil(TILE));
     let mean = |row: usize| {
         let lights = &lights;
@@ -524,7 +551,8 @@ fn fill(known: &KnownLight, [width, height]: [usize; 2], lights: &mut [[u8; 4]])
     let mut means: Vec<[f32; 4]> = (0..tiles[1]).into_par_iter().flat_map_iter(mean).collect();
     // Tiles without light take that of the tiles around them, until there are none.
     let lit = known.seen.light.iter().step_by(97).filter(|light| light[3] == LIGHT);
-    let all = lit.fold([0.0; 4], |sum: [f32; 4], light| std::array::from_fn(|part| sum[part] + f32::from(light[part])));
+    let all = lit
+        .fold([0.0; 4], |sum: [f32; 4], light| std::array::from_fn(|part| sum[part] + gain * f32::from(light[part])));
     while means.iter().any(|mean| mean[3] == 0.0) {
         if means.iter().all(|mean| mean[3] == 0.0) {
             let all = if all[3] > 0.0 { all } else { [64.0, 64.0, 64.0, 1.0] };

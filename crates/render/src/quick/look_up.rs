@@ -25,6 +25,8 @@ pub struct Pixels {
     pub keys: Vec<u64>,
     /// The light on each pixel, as light.rs codes it.
     lights: Vec<[u8; 4]>,
+    /// The share of the lit pixels whose light no picture at rest knows.
+    pub unlit: f32,
     pub picture: Vec<[u8; 4]>,
 }
 
@@ -315,8 +317,9 @@ impl Pixels {
         let width = view.size[0] as usize;
         let pixels = width * view.size[1] as usize;
         self.picture.resize(pixels, [0; 4]);
+        self.unlit = 0.0;
         if let Some(light) = known.light {
-            light::spread((light, known), frame, view.size, (&self.depth, &self.color), &mut self.lights);
+            self.unlit = light::spread((light, known), frame, view.size, (&self.depth, &self.color), &mut self.lights);
             let lit = Lit::new(light);
             let color = |(color, of_pixel): (&mut [u8; 4], &[u8; 4])| {
                 if of_pixel[3] != light::NEEDS_NONE {
@@ -326,8 +329,8 @@ impl Pixels {
             self.color.par_iter_mut().with_min_len(1 << 13).zip(&self.lights).for_each(color);
         }
         light::stand_in(view, &self.depth, &mut self.color);
-        if let Some(mirrors) = known.mirrors {
-            light::reflect(mirrors, frame, view, &self.depth, &mut self.color);
+        if let Some(coarse) = known.coarse {
+            light::reflect(coarse, frame, view, &self.depth, &mut self.color);
         }
         let background = settings.view.background.bytes();
         let (depth, color) = (&self.depth, &self.color);
