@@ -79,7 +79,12 @@ impl Loaded {
                 lines.chain(lack(path, missing)).for_each(|warning| outside.warning(warning));
             }
             Ok(None) => outside.note(text!("Not saved: {path}", path = path.display())),
-            Err(error) => outside.say(Level::Error, error),
+            Err(error) => {
+                let input = scene::shown(path).to_string();
+                // Some errors begin with the file's name.
+                let what = error.strip_prefix(&format!("{input}: ")).unwrap_or(&error);
+                outside.say(Level::Error, text!("{input}: not saved: {what}", input, what));
+            }
         }
     }
 }
