@@ -215,7 +215,7 @@ pub fn of_clouds(measurement: &Measurement, up: DVec3, clouds: Vec<(Cloud, Loade
     let lacks = |loaded: &LoadedParts| {
         let placed = |own: Bounds| loaded.placement.map_or(own, |placement| placement.bounds(own));
         let is_wanted = |bounds: Bounds| gathering.wants(bounds) && test.cover(bounds) != Cover::Outside;
-        loaded.lack(&|own| is_wanted(placed(own)))
+        loaded.is_cut || loaded.lack(&|own| is_wanted(placed(own)))
     };
     let is_thinned = Gathering::is_large(measurement.kind) && loaded.iter().any(lacks);
     let outcome = gathering.finish();

@@ -53,6 +53,8 @@ pub struct Assembly {
     pub points: u64,
     /// Whether no more chunks will come.
     pub is_read: bool,
+    /// Whether points of its file are missing for good: they cannot be read, or reading was stopped.
+    pub is_cut: bool,
     /// The bounds of the points loaded so far, stray points included; with an index, those of all its points.
     pub bounds: Bounds,
     /// The state of the index, if the cloud is streamed.
@@ -113,6 +115,7 @@ impl Assembly {
             expected_points,
             points: 0,
             is_read: false,
+            is_cut: false,
             bounds: Bounds::EMPTY,
             pages: None,
             task: None,
@@ -208,6 +211,7 @@ impl Assembly {
     /// Ends the reading. Returns the file's warnings that were not known when it was opened.
     pub fn end(&mut self, summary: &codec::Summary) -> Vec<String> {
         self.is_read = true;
+        self.is_cut = summary.cancelled || summary.missing > 0 || self.missing() > 0;
         let new = summary.warnings.iter().filter(|warning| !self.warnings.contains(warning));
         new.cloned().collect()
     }
@@ -371,6 +375,7 @@ impl Assembly {
         LoadedParts {
             parts: self.chunk_bounds().collect(),
             streamed: self.pages.as_ref().map(|_| self.octree().cloned()),
+            is_cut: self.is_cut,
             placement: self.placement,
         }
     }
@@ -386,7 +391,13 @@ impl Assembly {
 
     /// The number of all points of the cloud, loaded or not.
     pub fn total(&self) -> u64 {
-        self.octree().map_or(self.expected_points, |octree| octree.points()).max(self.points)
+        let of_file = self.expected_points.saturating_add(if self.is_cut { self.missing() } else { 0 });
+        self.octree().map_or(of_file, |octree| octree.points()).max(self.points)
+    }
+
+    /// The number of points that its file promises and does not have.
+    fn missing(&self) -> u64 {
+        self.source.as_ref().map_or(0, |source| source.info().missing)
     }
 
     pub fn octree(&self) -> Option<&Arc<Octree>> {

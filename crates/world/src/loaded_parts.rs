@@ -14,6 +14,9 @@ pub struct LoadedParts {
     pub parts: Vec<(Part, Bounds)>,
     /// Of a streamed cloud its index, once there is one.
     pub streamed: Option<Option<Arc<Octree>>>,
+    /// Whether points of a cloud in memory are missing, nobody knows where. Those that are there are as near to one another
+    /// as in the file.
+    pub is_cut: bool,
     /// How its points are moved.
     pub placement: Option<Placement>,
 }

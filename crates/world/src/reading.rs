@@ -289,7 +289,8 @@ impl Loader {
                 let input = shown(&loading.source.info().path);
                 self.send(Event::Failed { input, error: error.to_string(), is_usage: true })?;
                 let points = loading.chunks.iter().map(|chunk| chunk.len() as u64).sum();
-                self.send(Event::Read { cloud, summary: codec::Summary { points, ..Default::default() } })
+                let missing = loading.source.info().points.saturating_sub(points);
+                self.send(Event::Read { cloud, summary: codec::Summary { points, missing, ..Default::default() } })
             }
         }
     }

@@ -86,6 +86,7 @@ mod tests {
             loaded: LoadedParts {
                 parts: loaded.iter().map(|node| (part(*node), chunks[*node].bounds())).collect(),
                 streamed: Some(octree.then(|| Arc::new(tree))),
+                is_cut: false,
                 placement,
             },
         };
@@ -127,7 +128,7 @@ mod tests {
             let measurement = Measurement { name, kind, on: true, color: [0.0; 3], points, reach, level };
             let part = |node: &usize| (Part::Node(NodeId(*node as u32)), chunks[*node].bounds());
             let parts = nodes.iter().map(part).collect();
-            let loaded = LoadedParts { parts, streamed: Some(octree.cloned()), placement: None };
+            let loaded = LoadedParts { parts, streamed: Some(octree.cloned()), ..LoadedParts::default() };
             let chunks = nodes.iter().map(|node| chunks[*node].clone()).collect();
             let clouds = vec![(Cloud { chunks, ..Cloud::default() }, loaded)];
             measuring::of_clouds(&measurement, DVec3::Z, clouds, &PointTest::default())

@@ -33,6 +33,19 @@ impl Loaded {
             }
             Compare::Start => match self.comparing(beside) {
                 Ok(comparing) => {
+                    let second = match self.compared_second() {
+                        Second::Cloud(key) => self.cloud(key),
+                        _ => None,
+                    };
+                    let ends = [(self.compared_first(), &comparing.first), (second, &comparing.second)];
+                    // Files are read as a whole.
+                    let ends = ends.into_iter().filter(|(_, end)| matches!(end, Ends::Memory { .. }));
+                    for entry in ends.filter_map(|(entry, _)| entry.filter(|entry| entry.is_cut)) {
+                        let name = &entry.cloud.name;
+                        beside
+                            .outside
+                            .warning(text!("{name}: not all points are loaded: distances are those of parts", name));
+                    }
                     self.comparisons.under_way = Some((comparing.what.clone(), comparing.progress.clone()));
                     beside.outside.work(Work::Compare(Box::new(comparing)));
                 }

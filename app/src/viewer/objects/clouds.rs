@@ -160,9 +160,10 @@ impl CloudEntry {
         self.octree().is_some()
     }
 
-    /// True if the cloud is streamed and has points that are not loaded: figures of its points are of those that are.
+    /// True if the cloud has points that are not loaded, because it is streamed or cut: figures of its points are of those
+    /// that are.
     pub fn is_partly_loaded(&self) -> bool {
-        self.streamed.is_some() && self.points < self.total()
+        (self.streamed.is_some() || self.is_cut) && self.points < self.total()
     }
 
     /// True if the tiles of a streamed cloud are opened as they are needed.

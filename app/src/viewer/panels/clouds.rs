@@ -39,7 +39,7 @@ pub fn show(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     });
                 });
             });
-            let points = if entry.streamed.is_some() {
+            let points = if entry.streamed.is_some() || entry.is_cut {
                 let (points, total) = (grouped(entry.points), grouped(entry.total()));
                 let loaded = text!("{points} of {total} points loaded", points, total);
                 let hides = entry.is_visible && !session.scene.objects.test().shows_all();
@@ -222,6 +222,7 @@ mod tests {
     use world::{Change, Part};
 
     use super::*;
+    use crate::shared::measuring;
     use crate::viewer::loaded::Loaded;
     use crate::viewer::objects::clouds::Streamed;
     use crate::viewer::picture::messages::{Command, PickedPoint};
@@ -291,6 +292,33 @@ mod tests {
         harness.state_mut().loaded.clouds[0].points = 0;
         harness.run_ok();
         assert!(harness.query_by_label_contains("1 mixed").is_none(), "it is switched off");
+    }
+
+    #[test]
+    fn a_cloud_that_could_not_be_read_whole_has_values_of_loaded_points() {
+        let mut harness = harness();
+        let session = harness.state_mut();
+        let entry = &mut session.loaded.clouds[0];
+        entry.expected_points = 1234;
+        let of = |entry: &CloudEntry| {
+            let corners = vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0)];
+            let (name, kind, color) = (String::new(), scene::MeasurementKind::Volume, [0.0; 3]);
+            let volume = scene::Measurement { name, kind, on: true, color, points: corners, reach: None, level: None };
+            let clouds = vec![(entry.cloud.clone(), entry.loaded_parts())];
+            measuring::of_clouds(&volume, DVec3::Z, clouds, &Default::default())
+        };
+        let is_of_loaded = |entry: &CloudEntry| match of(entry) {
+            Ok(figures) => measuring::are_of_loaded(&figures),
+            Err(problem) => problem.contains("of the loaded points"),
+        };
+        entry.end(&codec::Summary { points: 2, ..Default::default() });
+        assert!(!is_of_loaded(entry) && !entry.is_partly_loaded(), "points without coordinates are in no cloud");
+        for (missing, cancelled) in [(1232, false), (0, true)] {
+            entry.end(&codec::Summary { points: 2, missing, cancelled, ..Default::default() });
+            assert!(is_of_loaded(entry) && entry.is_partly_loaded());
+        }
+        harness.run_ok();
+        assert!(harness.query_by_label_contains("2 of 1,234 points loaded").is_some());
     }
 
     #[test]

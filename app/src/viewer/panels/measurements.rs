@@ -191,11 +191,13 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
                 ));
             }
             if are_of_loaded(figures) {
-                let text = text!("no ±: only a choice of the points here is loaded; `glint measure` reads all");
+                let text =
+                    text!("no ±: not all of the points here are loaded; `glint measure` reads all that can be read");
                 ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(text!(
-                    "Of each cell of space the point nearest to its middle is loaded first. Noise has a part in that \
-                     choice, so how these points scatter does not say how far the value is off. From nearer, all of \
-                     them may be loaded."
+                    "Of each cell of space of a streamed cloud the point nearest to its middle is loaded first. Noise \
+                     has a part in that choice, so how these points scatter does not say how far the value is off. \
+                     From nearer, all of them may be loaded. Of a file that is damaged, or whose reading was stopped, \
+                     points are missing for good."
                 ));
             }
         }

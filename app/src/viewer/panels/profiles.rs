@@ -237,7 +237,7 @@ fn status(ui: &mut Ui, session: &Session) {
     let all = slice.total + others.iter().map(|(_, other)| other.total).sum::<u64>();
     let count =
         if others.is_empty() { count } else { text!("{count}, {all} with the others", count, all = grouped(all)) };
-    let is_streamed = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some());
+    let is_streamed = session.loaded.clouds.iter().any(|entry| entry.streamed.is_some() || entry.is_cut);
     let loaded = if is_streamed { text!(" (loaded)") } else { "" };
     let help = text!(
         "At most {most} are drawn at once, evenly chosen from those in view{rest}",

@@ -111,7 +111,9 @@ fn under_way(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
         // Of streamed clouds that are switched off no points are loaded: all of them are left out.
         let hidden = session.loaded.clouds.iter().filter(|entry| !entry.is_visible && entry.streamed.is_some());
         let hidden: u64 = hidden.map(|entry| entry.total() - entry.points).sum();
-        let (points, all) = (session.loaded.points(), session.loaded.all_points() - hidden);
+        let cut = session.loaded.clouds.iter().filter(|entry| entry.is_cut && entry.streamed.is_none());
+        let cut: u64 = cut.map(|entry| entry.total() - entry.points).sum();
+        let (points, all) = (session.loaded.points(), session.loaded.all_points() - hidden + cut);
         let shown = shown_points(session);
         let help = text!("The others are hidden by clips, filters or classes, or with their cloud");
         if let Some(shown) = shown.filter(|_| all == points) {
