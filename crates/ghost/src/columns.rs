@@ -53,6 +53,12 @@ const GRAZING: f64 = 0.43;
 /// The fewest points that fit, and the share of the points that say something that they are at least.
 const FEWEST_FITS: usize = 60;
 const LEAST_FIT: f64 = 0.7;
+/// The most columns that may be expected to fit as well as a mirror by chance.
+const CHANCES: f64 = 1e-3;
+/// As many groups of points fit whatever is there: the place of a column across its axis and its radius are moved so.
+const FREE: usize = 3;
+/// The columns beside one that show how many groups of points fit by chance.
+const ELSEWHERE: i32 = 8;
 /// A column stands on what is below it if its axis has at least this cosine to the vertical, and if no more than one of so
 /// many points between does not fit.
 const STANDS: f64 = 0.9;
@@ -226,7 +232,13 @@ struct Unfolded {
     place: DVec3,
     /// How far along the axis the beam met the column.
     along: f64,
+    /// The angle about the axis at which the beam met the column, from its middle, and the rest of the way across the axis.
+    turn: f64,
+    rest: f64,
 }
+
+/// A point, and what it says of a column.
+type Said = (Unfolded, Says, DVec3);
 
 /// What an unfolded point says of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -257,7 +269,9 @@ impl Column {
         let normal = (from + way * distance) / self.radius;
         let is_one = root > 0.0 && distance > 0.0 && range - distance > behind && -way.dot(normal) > GRAZING * a.sqrt();
         let place = met + (direction - normal * (2.0 * direction.dot(normal))) * (range - distance);
-        is_one.then(|| Unfolded { place, along: (met - self.on_axis).dot(self.axis) })
+        let turn = normal.dot(self.axis.cross(from).normalize_or_zero()).asin();
+        let along = (met - self.on_axis).dot(self.axis);
+        is_one.then_some(Unfolded { place, along, turn, rest: (range - distance) * a.sqrt() })
     }
 
     fn says(&self, place: DVec3, map: &SurfaceMap) -> Says {
@@ -290,17 +304,37 @@ impl Column {
         Mirror { position, rotation, ..Mirror::standing(shape, position, self.axis, DVec3::Z, self.radius) }
     }
 
+    /// What a point says that was seen in it.
+    fn seen(&self, station: DVec3, place: DVec3, map: &SurfaceMap, near: f64) -> Option<Said> {
+        let seen = self.unfolded(station, place, BEHIND * map.edge())?;
+        let says = match self.says(seen.place, map) {
+            Says::Near(distance) if distance > near => Says::Against,
+            says => says,
+        };
+        Some((seen, says, place))
+    }
+
+    /// The expected number of columns, of all that are tried, that fit these points by chance as well as this one.
+    fn chances(&self, station: DVec3, own: &[Said], map: &SurfaceMap, near: f64) -> f64 {
+        let toward = (self.on_axis - station).reject_from_normalized(self.axis);
+        let elsewhere = |step: i32| {
+            let share = NEARER.powi(-step);
+            let other = Self { on_axis: station + toward * share, radius: self.radius * share, ..*self };
+            groups(own.iter().filter_map(|(.., place)| other.seen(station, *place, map, near)), near)
+        };
+        let (fits, all) = groups(own.iter().copied(), near);
+        let sums = (1..=ELSEWHERE).map(elsewhere).fold((0, 0), |sum, (fits, all)| (sum.0 + fits, sum.1 + all));
+        let by_chance = (sums.0 + 1) as f64 / (sums.1 + 1) as f64;
+        // So many choices of the groups that fit, each with so small a probability.
+        let choices = (1..=all - fits).map(|count| (fits + count) as f64 / count as f64).map(f64::ln).sum::<f64>();
+        let tried = (2 * MOST_SIDES) as f64 * f64::from(HALF_ANGLES);
+        tried * (choices + fits.saturating_sub(FREE) as f64 * by_chance.ln()).exp()
+    }
+
     /// The part of it in which points are near surfaces when they are unfolded.
     fn part(&self, station: DVec3, points: &[DVec3], map: &SurfaceMap, near: f64) -> Option<Part> {
-        let seen = |place: &DVec3| {
-            let seen = self.unfolded(station, *place, BEHIND * map.edge())?;
-            let says = match self.says(seen.place, map) {
-                Says::Near(distance) if distance > near => Says::Against,
-                says => says,
-            };
-            Some((seen, says, *place))
-        };
-        let mut all: Vec<(Unfolded, Says, DVec3)> = points.par_iter().filter_map(seen).collect();
+        let seen = |place: &DVec3| self.seen(station, *place, map, near);
+        let mut all: Vec<Said> = points.par_iter().filter_map(seen).collect();
         all.sort_by(|a, b| a.0.along.total_cmp(&b.0.along));
         // The stretch with the largest surplus of points that fit (Kadane).
         let (mut start, mut sum, mut best) = (0, 0_i64, (0, 0..0));
@@ -329,6 +363,7 @@ impl Column {
         let middle = distances.len() / 2;
         let residual = *distances.select_nth_unstable_by(middle, f64::total_cmp).1;
         let (mut seen, fits) = (own.to_vec(), distances.len());
+        let is_mirror = fits >= FEWEST_FITS && share > LEAST_FIT && self.chances(station, own, map, near) < CHANCES;
         if self.axis.z.abs() > STANDS {
             let below: Vec<_> = if self.axis.z > 0.0 {
                 all[..best.1.start].iter().rev().copied().collect()
@@ -348,12 +383,30 @@ impl Column {
             seen.extend_from_slice(stands_on);
         }
         let seen = seen.into_iter().map(|(.., place)| (station, place)).collect();
-        Some(Part { mirror: self.between(ends), seen, share, residual, fits })
+        Some(Part { mirror: self.between(ends), seen, share, residual, fits, is_mirror })
     }
 }
 
+/// Points in groups, of each of which most fit or not: how many fit, and how many there are. Where the beam meets a column
+/// at nearly one angle about its axis, a point says what all say. A scanner that stands upright sees an upright column in few
+/// such angles, each with many points.
+fn groups(seen: impl Iterator<Item = Said>, near: f64) -> (usize, usize) {
+    let mut all: Vec<(Unfolded, bool)> = seen
+        .filter(|(_, says, _)| *says != Says::Nothing)
+        .map(|(seen, says, _)| (seen, matches!(says, Says::Near(_))))
+        .collect();
+    all.sort_by(|a, b| a.0.turn.total_cmp(&b.0.turn));
+    let (mut rest, mut fits, mut count) = (&all[..], 0, 0);
+    while let Some((first, _)) = rest.first() {
+        let own = rest.partition_point(|(seen, _)| (seen.turn - first.turn) * first.rest < near);
+        fits += usize::from(2 * rest[..own].iter().filter(|(_, fits)| *fits).count() > own);
+        (rest, count) = (&rest[own..], count + 1);
+    }
+    (fits, count)
+}
+
 /// The points, downwards from the part of a column that is known, down to what it stands on.
-fn standing(below: &[(Unfolded, Says, DVec3)]) -> &[(Unfolded, Says, DVec3)] {
+fn standing(below: &[Said]) -> &[Said] {
     let (mut sum, mut best) = (0_i64, (0, 0));
     for (index, (_, says, _)) in below.iter().enumerate() {
         sum += if *says == Says::Against { -MISSES } else { 1 };
@@ -373,12 +426,7 @@ pub struct Part {
     pub share: f64,
     pub residual: f64,
     pub fits: usize,
-}
-
-impl Part {
-    fn is_mirror(&self) -> bool {
-        self.fits >= FEWEST_FITS && self.share > LEAST_FIT
-    }
+    is_mirror: bool,
 }
 
 /// The directions in which columns and pipes may run.
@@ -395,7 +443,7 @@ fn axes(walls: &[Plane]) -> Vec<DVec3> {
 /// Makes a column or pipe as long as another station sees it, and moves it to where the points of both fit best.
 pub fn extend(known: &mut Part, station: DVec3, places: &[DVec3], map: &SurfaceMap, near: f64) {
     let column = Column::of(&known.mirror);
-    let Some(part) = column.part(station, places, map, near).filter(Part::is_mirror) else { return };
+    let Some(part) = column.part(station, places, map, near).filter(|part| part.is_mirror) else { return };
     known.seen.extend(part.seen);
     let ends = [&known.mirror, &part.mirror].map(|mirror| {
         let middle = (mirror.position - column.on_axis).dot(column.axis);
@@ -419,7 +467,7 @@ pub fn columns(station: DVec3, samples: &[&Sample], walls: &[Plane], map: &Surfa
                 column = Column::of(&fitted(&part.mirror, &some_of(&part.seen), map));
             }
             let part = column.part(station, &places, map, near)?;
-            part.is_mirror().then_some(part)
+            part.is_mirror.then_some(part)
         };
         view.tried().par_iter().filter_map(part).collect::<Vec<_>>()
     };
