@@ -53,6 +53,9 @@ const LEAST_CLOSED: f64 = 0.6;
 const MAY_CLOSE: f64 = 0.5 * LEAST_CLOSED;
 /// The fewest cells of the border at which sightlines end at the plane.
 const FEWEST_CLOSED: f64 = 8.0;
+/// The sightlines that fit in a cell of a plane, in the mean, and the number of widths of cells that are tried for that.
+const FULL: f64 = 6.0;
+const WIDENED: i32 = 6;
 /// A mirror through which nothing is seen: at least this share of the distinctive points fits.
 const OPAQUE: f64 = 0.85;
 
@@ -116,16 +119,38 @@ struct Suggestion {
     plane: Plane,
 }
 
+/// What a sightline does at a plane.
+#[derive(Clone, Copy)]
+enum Does {
+    /// It ends there, on a surface that is parallel to the plane or on another one, such as the floor below a mirror.
+    EndOn,
+    EndAcross,
+    /// It ends behind it, and unfolded fits a surface or not.
+    Fit,
+    Other,
+}
+
+/// A sample, where its sightline crosses a plane, and what that does there.
+type Crossed = (usize, [f64; 2], Does);
+
 /// What the sightlines through a cell of a plane do.
 #[derive(Clone, Copy, Default)]
 struct Crossing {
-    /// The sightlines that end at the plane, on a surface that is parallel to it.
     on: u32,
-    /// The sightlines that end there on another surface, such as the floor below a mirror.
     across: u32,
-    /// The sightlines that end behind the plane, and unfolded fit a surface (`fit`) or not (`other`).
     fit: u32,
     other: u32,
+}
+
+impl Crossing {
+    fn add(&mut self, does: Does) {
+        *match does {
+            Does::EndOn => &mut self.on,
+            Does::EndAcross => &mut self.across,
+            Does::Fit => &mut self.fit,
+            Does::Other => &mut self.other,
+        } += 1;
+    }
 }
 
 impl Search<'_> {
@@ -142,9 +167,10 @@ impl Search<'_> {
         if fit.distance.abs() > NEAR_PLANE * self.map.edge() {
             return None;
         }
-        let (surface, normal) = (fit.patch.normal.as_dvec3(), sample.normal?);
-        let turned = normal - plane.normal * (2.0 * normal.dot(plane.normal));
-        let is_alike = turned.dot(surface).abs() > AGREES;
+        let surface = fit.patch.normal.as_dvec3();
+        let turned = |normal: DVec3| normal - plane.normal * (2.0 * normal.dot(plane.normal));
+        // Ghosts in a sparse scan have no normals; place alone says whether they fit.
+        let is_alike = sample.normal.is_none_or(|normal| turned(normal).dot(surface).abs() > AGREES);
         is_alike.then(|| (fit.distance, surface, surface.dot(plane.normal).abs() > TELLS))
     }
 
@@ -227,8 +253,10 @@ impl Search<'_> {
         for sample in own.iter().map(|index| &self.samples[*index]) {
             let fit = self.fit(sample, &plane).filter(|(distance, ..)| distance.abs() < near);
             distances.extend(fit.map(|(distance, ..)| distance.abs()));
-            telling += usize::from(is_telling(sample));
-            telling_fits += usize::from(fit.is_some_and(|(.., tells)| tells));
+            if is_telling(sample) {
+                telling += 1;
+                telling_fits += usize::from(fit.is_some_and(|(.., tells)| tells));
+            }
         }
         let is_explained = telling_fits as f64 > LEAST_TELLING * telling as f64;
         if telling_fits < FEWEST_POINTS || !is_explained || area.closed < LEAST_CLOSED {
@@ -303,13 +331,11 @@ impl Search<'_> {
     /// The part of a plane in which the sightlines of a station end behind it and fit unfolded.
     fn patch(&self, station: usize, plane: &Plane, reach: f64) -> Option<Area> {
         let (edge, from) = (self.map.edge(), self.stations[station]);
-        let width = 2.0 * edge;
         // Level and upright on a wall, along the axes on a floor.
         let across = DVec3::Z.cross(plane.normal).normalize_or(DVec3::X.cross(plane.normal).normalize_or(DVec3::Y));
         let up = plane.normal.cross(across);
         let start = plane.height(from);
-        let mut cells: BTreeMap<[i64; 2], Crossing> = BTreeMap::new();
-        let mut crossed: Vec<(usize, [i64; 2], [f64; 2])> = Vec::new();
+        let mut crossed: Vec<Crossed> = Vec::new();
         for (index, sample) in self.of_station(station) {
             let height = plane.height(sample.place);
             let is_on = height.abs() <= MOUNTED * edge;
@@ -320,19 +346,21 @@ impl Search<'_> {
             let share = start / (start - height);
             let at = if is_on { sample.place } else { from + (sample.place - from) * share };
             let at = [at.dot(across), at.dot(up)];
-            let cell = at.map(|along| (along / width).floor() as i64);
-            let crossing = cells.entry(cell).or_default();
-            let fits = || self.fit(sample, plane).is_some_and(|(distance, ..)| distance.abs() < reach);
-            if is_on {
+            let does = if is_on {
                 let is_parallel = sample.normal.is_some_and(|normal| normal.dot(plane.normal).abs() > PARALLEL);
-                if is_parallel { crossing.on += 1 } else { crossing.across += 1 }
-            } else if fits() {
-                crossing.fit += 1;
-                crossed.push((index, cell, at));
+                if is_parallel { Does::EndOn } else { Does::EndAcross }
+            } else if self.fit(sample, plane).is_some_and(|(distance, ..)| distance.abs() < reach) {
+                Does::Fit
             } else {
-                crossing.other += 1;
-                crossed.push((index, cell, at));
-            }
+                Does::Other
+            };
+            crossed.push((index, at, does));
+        }
+        let width = cell_width(&crossed, 2.0 * edge);
+        let cell_of = |at: &[f64; 2]| at.map(|along| (along / width).floor() as i64);
+        let mut cells: BTreeMap<[i64; 2], Crossing> = BTreeMap::new();
+        for (_, at, does) in &crossed {
+            cells.entry(cell_of(at)).or_default().add(*does);
         }
         let is_mirror = |crossing: &Crossing| {
             let behind = crossing.fit + crossing.other;
@@ -345,13 +373,14 @@ impl Search<'_> {
         let parts = connected(&mirror);
         let weight = |part: &&BTreeSet<[i64; 2]>| part.iter().map(|cell| cells[cell].fit).sum::<u32>();
         let largest = parts.iter().max_by_key(weight)?;
-        let inside: Vec<&(usize, [i64; 2], [f64; 2])> =
-            crossed.iter().filter(|(_, cell, _)| largest.contains(cell)).collect();
+        let is_behind = |does: Does| matches!(does, Does::Fit | Does::Other);
+        let is_inside = |(_, at, does): &&Crossed| is_behind(*does) && largest.contains(&cell_of(at));
+        let inside: Vec<&Crossed> = crossed.iter().filter(is_inside).collect();
         if inside.len() < FEWEST_FITS {
             return None;
         }
         let ends = |axis: usize| {
-            let mut values: Vec<f64> = inside.iter().map(|(.., at)| at[axis]).collect();
+            let mut values: Vec<f64> = inside.iter().map(|(_, at, _)| at[axis]).collect();
             values.sort_unstable_by(f64::total_cmp);
             let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
             [at(0.002), at(0.998)]
@@ -487,6 +516,21 @@ struct Area {
 /// The cells about one.
 fn about(cell: [i64; 2], reach: i64) -> impl Iterator<Item = [i64; 2]> {
     (-reach..=reach).flat_map(move |x| (-reach..=reach).map(move |y| [cell[0] + x, cell[1] + y]))
+}
+
+/// The width of cells in which enough sightlines fit, so that none is empty by chance: of a sparse scan it is large.
+fn cell_width(crossed: &[Crossed], least: f64) -> f64 {
+    let mut widths = (0..WIDENED).map(|step| least * 2.0_f64.powf(0.5 * f64::from(step)));
+    let is_full = |width: &f64| {
+        let mut cells: BTreeMap<[i64; 2], u64> = BTreeMap::new();
+        for (_, at, _) in crossed.iter().filter(|(.., does)| matches!(does, Does::Fit)) {
+            *cells.entry(at.map(|along| (along / width).floor() as i64)).or_default() += 1;
+        }
+        // The mean over the sightlines, not over the cells: a few that fit by chance, far apart, say nothing.
+        let all = cells.values().sum::<u64>() as f64;
+        cells.values().map(|count| count * count).sum::<u64>() as f64 >= FULL * all
+    };
+    widths.clone().find(is_full).or(widths.next_back()).unwrap_or(least)
 }
 
 fn connected(cells: &BTreeSet<[i64; 2]>) -> Vec<BTreeSet<[i64; 2]>> {

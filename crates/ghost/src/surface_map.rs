@@ -363,10 +363,13 @@ impl SurfaceMap {
         self.edge
     }
 
-    /// The patches of a grid with wide cells.
+    /// The patches of a grid with wide cells: the finest of these that has at least half as many points in patches as any.
     pub fn wide_patches(&self) -> Vec<Patch> {
-        let mut patches: Vec<(u64, Patch)> =
-            self.levels.get(LEVELS - 1).map(|level| level.patches.clone()).unwrap_or_default();
+        let wide = self.levels.get(LEVELS - 1..).unwrap_or_default();
+        let points = |grid: &Grid| grid.patches.iter().map(|(_, patch)| u64::from(patch.count)).sum::<u64>();
+        let most = wide.iter().map(points).max().unwrap_or(0);
+        let finest = wide.iter().find(|grid| 2 * points(grid) >= most);
+        let mut patches = finest.map(|grid| grid.patches.clone()).unwrap_or_default();
         patches.sort_unstable_by_key(|(key, _)| *key);
         patches.into_iter().map(|(_, patch)| patch).collect()
     }
