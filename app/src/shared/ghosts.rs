@@ -14,6 +14,7 @@ use scene::shown;
 
 use crate::shared::export::free_name;
 use crate::shared::moved_points;
+use crate::shared::numbers::grouped;
 use crate::system::failure::usage;
 
 /// The attributes of verdicts: 0 real, 1 ghost, 2 undecided; the number of the mirror; how probable a ghost is.
@@ -63,7 +64,11 @@ pub fn look(
     let has_pane = mirrors.reflectors().iter().any(|reflector| reflector.is_open);
     progress.set_total(progress.done() + if has_pane { 5 } else { 3 } * total);
     let verdicts = ghost::judge(&files, &stations, &mirrors, extent, 0.0, progress)?;
-    let warnings = files.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut warnings = files.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
+    warnings.extend(gauge.too_few().filter(|_| finds).map(|count| {
+        let count = grouped(count as u64);
+        format!("mirrors are looked for among {count} points of each station: of so few, columns and small mirrors may be missed")
+    }));
     let missing = codec::missing_points(sources).saturating_add(files.missing.into_inner());
     let gauge = Arc::new(gauge);
     Ok(verdicts.map(|verdicts| Looked { stations, found, gauge, verdicts, warnings, missing }))

@@ -19,6 +19,8 @@ const SAMPLED: u64 = 400_000;
 const LEVELS: usize = 5;
 /// The least distance of a ghost from a mirror, in edges of the finest cells.
 pub(crate) const BEHIND: f64 = 4.0;
+/// The points of a station with which made columns, and mirrors of half a metre, were found (docs/ghosts.md).
+const ENOUGH: usize = 300_000;
 /// The fewest points that say where a mirror is.
 const FEWEST_POINTS: usize = 60;
 
@@ -84,6 +86,12 @@ impl Gauge {
         let samples: Vec<Sample> =
             samples.into_par_iter().map(|(_, sample)| Sample { normal: normal(sample.place), ..sample }).collect();
         Ok(Some(Self { stations: stations.to_vec(), map, samples }))
+    }
+
+    /// The number of points of each station in the sample, if these are so few that mirrors may be missed.
+    pub fn too_few(&self) -> Option<usize> {
+        let count = self.samples.len() / self.stations.len().max(1);
+        (count < ENOUGH).then_some(count)
     }
 
     /// The points of the sample that lie behind a mirror, as a station sees them.
