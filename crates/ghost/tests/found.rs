@@ -102,6 +102,21 @@ fn a_mirror_on_a_wall_is_found_where_it_is() {
     assert!(figures.median < 0.004, "{figures:?}");
 }
 
+/// A scanner that stands upright sees a thin column in so few rows of points that one always fits.
+#[test]
+fn a_sparse_scan_has_its_mirror_and_no_column_by_chance() {
+    let stations = Tripod::Room.stations();
+    let made = Made::seeded(Tripod::Room.solids(), vec![wall_mirror()], stations, 0.002, 150_000.0, 1);
+    let gauge = gauge(&made);
+    assert!(gauge.too_few().is_some_and(|count| count < 150_001));
+    let found = find(&gauge, &Progress::default()).expect("nobody cancels");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(matches!(found[0].reflector.mirror.shape, Shape::Plane { .. }), "{found:?}");
+    let figures = made.judge(&made.verdicts(&mirrors(&found)), 0.002);
+    println!("{}", figures.row("plane, found in a sparse scan", 1));
+    assert!(figures.f1() > 0.95 && figures.wrong * 1000 <= figures.real, "{figures:?}");
+}
+
 #[test]
 fn a_window_is_found_by_its_frame() {
     let made = Made::of(with_window(), vec![pane(0.8)], Tripod::Room.stations(), 0.002, 400_000.0);

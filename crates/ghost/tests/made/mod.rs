@@ -107,11 +107,22 @@ impl Made {
     }
 
     pub fn of(solids: Vec<Solid>, mirrors: Vec<Mirror>, stations: Vec<DVec3>, noise: f64, rays: f64) -> Self {
+        Self::seeded(solids, mirrors, stations, noise, rays, 7)
+    }
+
+    pub fn seeded(
+        solids: Vec<Solid>,
+        mirrors: Vec<Mirror>,
+        stations: Vec<DVec3>,
+        noise: f64,
+        rays: f64,
+        seed: u64,
+    ) -> Self {
         let scene = Exact::of_mirrors(&mirrors).with_solids(solids);
         let disturbance = Disturbance { noise, mixed: 1e-3, strays: 0.0 };
         let (mut blocks, mut truth) = (Vec::new(), Vec::new());
         for (number, station) in stations.iter().enumerate() {
-            let measured = scan::scan(&scene, &disturbance, *station, rays, 7, number);
+            let measured = scan::scan(&scene, &disturbance, *station, rays, seed, number);
             for (part, points) in measured.chunks(1 << 14).enumerate() {
                 let places = points.iter().map(|point| *station + point.direction * point.range).collect();
                 let first_point = (part << 14) as u64;
