@@ -135,9 +135,14 @@ fn range_differences(mirror: &str, pivot: [f64; 3], degrees: f64, noise: &str) -
     folder.write("scene.toml", &scene);
     let images = ["--aov", "position=position.exr", "--aov", "mirror_position=mirror_position.exr"];
     let size = format!("{SIZE}x{SIZE}");
-    let render = ["render", "scene.toml", "-o", "a.png", "--method", "surfel_trace", "--size", &size];
-    let outcome =
-        folder.glint(render.iter().chain(&images).chain(&["--set", &format!("view.field_of_view={degrees}")]));
+    // Places are asked for, and no light.
+    let render = ["render", "scene.toml", "-o", "a.png", "--method", "surfel_trace", "--set", "gi.bounces=0"];
+    let outcome = folder.glint(render.iter().chain(&images).chain(&[
+        "--size",
+        &size,
+        "--set",
+        &format!("view.field_of_view={degrees}"),
+    ]));
     if outcome.status == Some(3) && std::env::var_os("GLINT_REQUIRE_GPU").is_none() {
         println!("skipped: no adapter: {}", outcome.messages.trim());
         return None;
