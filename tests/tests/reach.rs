@@ -13,8 +13,10 @@ fn text(path: &Path) -> String {
     path.to_str().expect("a path that is text").to_owned()
 }
 
-/// Maps of the default number of virtual lights take longer than all else of a small picture.
+/// Indirect light takes half of the time of a small picture. Points beyond the view count for it: each kind of reading is
+/// compared with few lights once.
 const FEW_LIGHTS: [&str; 2] = ["--set", "gi.vpls=16"];
+const NO_LIGHTS: [&str; 2] = ["--set", "gi.bounces=0"];
 /// A fifth of the points of the largest cloud: nodes of several levels, and others that are left out.
 const FEW_POINTS: [&str; 2] = ["--set", "view.point_budget=100000"];
 
@@ -22,7 +24,7 @@ const FEW_POINTS: [&str; 2] = ["--set", "view.point_budget=100000"];
 fn picture(folder: &Folder, name: &str, input: &str, more: &[&str]) -> (Vec<u8>, String) {
     let output = folder.path(name);
     let pages = ["--set", "stream.pages=always"];
-    let mut arguments = [&["render", input, "--size", "200x150"][..], &pages, &FEW_LIGHTS, &["-o"]].concat();
+    let mut arguments = [&["render", input, "--size", "200x150"][..], &pages, &["-o"]].concat();
     let shown = text(&output);
     arguments.push(&shown);
     arguments.extend(more);
@@ -51,9 +53,14 @@ fn pictures_by_address_are_those_of_files_to_the_bit() {
     let Some(data) = test_data() else { return };
     let folder = Folder::new();
     let server = Server::of_folder(&data, Habits { fails: 10, ..Habits::default() });
-    for name in ["copc/lone_star_las14_pf6.copc.laz", "ept/lone-star-laszip/ept.json", "ept/1.2-with-color/ept.json"] {
-        let (of_file, _) = picture(&folder, "file.png", &text(&data.join(name)), &FEW_POINTS);
-        let (of_address, messages) = picture(&folder, "address.png", &text(&server.path(name)), &FEW_POINTS);
+    for (name, light) in [
+        ("copc/lone_star_las14_pf6.copc.laz", FEW_LIGHTS),
+        ("ept/lone-star-laszip/ept.json", FEW_LIGHTS),
+        ("ept/1.2-with-color/ept.json", NO_LIGHTS),
+    ] {
+        let more = [FEW_POINTS, light].concat();
+        let (of_file, _) = picture(&folder, "file.png", &text(&data.join(name)), &more);
+        let (of_address, messages) = picture(&folder, "address.png", &text(&server.path(name)), &more);
         assert!(of_file == of_address, "{name}: {messages}");
     }
 }
@@ -72,7 +79,8 @@ fn lists_of_nodes_that_are_read_page_by_page_give_the_picture_of_whole_ones_to_t
     std::fs::write(clouds.join("paged.copc.laz"), in_pages(&file, 1, MANY_NODES).bytes).expect("a copy");
     let server = Server::of_folder(&clouds, Habits { fails: 10, ..Habits::default() });
     let (path, address) = (text(&clouds.join("paged.copc.laz")), text(&server.path("paged.copc.laz")));
-    let views: [&[&str]; 2] = [&[], &["--set", "view.point_budget=100000", "--set", "light.by=sun"]];
+    let views: [&[&str]; 2] =
+        [&NO_LIGHTS, &["--set", "view.point_budget=100000", "--set", "light.by=sun", "--set", "gi.vpls=16"]];
     for more in views {
         let (whole, _) = picture(&folder, "whole.png", &path, more);
         let (paged, messages) = picture(&folder, "paged.png", &path, &[more, &LITTLE_MEMORY].concat());
@@ -92,8 +100,9 @@ fn lists_of_nodes_that_are_read_page_by_page_give_the_picture_of_whole_ones_to_t
     }
     let told = std::fs::read_to_string(from.join("ept.json")).expect("text").replace("518862", "1000000000000");
     std::fs::write(to.join("ept.json"), told).expect("a copy");
-    let (whole, _) = picture(&folder, "whole.png", &text(&from.join("ept.json")), &FEW_POINTS);
-    let (paged, messages) = picture(&folder, "paged.png", &text(&to.join("ept.json")), &FEW_POINTS);
+    let more = [FEW_POINTS, NO_LIGHTS].concat();
+    let (whole, _) = picture(&folder, "whole.png", &text(&from.join("ept.json")), &more);
+    let (paged, messages) = picture(&folder, "paged.png", &text(&to.join("ept.json")), &more);
     assert!(whole == paged && messages.is_empty(), "{messages}");
 }
 
@@ -109,11 +118,11 @@ fn a_page_of_a_list_of_nodes_that_cannot_be_used_is_told_and_the_rest_is_shown()
     // The page is said to lie where no page can.
     listed.bytes[at..at + 32].copy_from_slice(&copc_lists::entry(link, 375, 64, -1));
     let damaged = folder.write("damaged.copc.laz", &listed.bytes);
-    let more = [LITTLE_MEMORY, FEW_POINTS].concat();
+    let more = [LITTLE_MEMORY, FEW_POINTS, NO_LIGHTS].concat();
     let (of_whole, _) = picture(&folder, "whole.png", &text(&whole), &more);
     let output = text(&folder.path("damaged.png"));
     let arguments = ["render", &text(&damaged), "--size", "200x150", "--set", "stream.pages=always", "-o", &output];
-    let outcome = folder.glint([&arguments[..], &more, &FEW_LIGHTS].concat());
+    let outcome = folder.glint([&arguments[..], &more].concat());
     let told = &outcome.messages;
     assert!(told.contains("outside the record of pages") && told.contains("below that node are missing"), "{outcome}");
     let shown = std::fs::read(output).expect("what is there is shown");
@@ -258,11 +267,11 @@ fn a_catalogue_is_the_cloud_that_its_folder_is() {
     assert_eq!(outcome.status, Some(0), "{outcome}");
     let points = 41_998 + 22_108 + 48_879;
     let server = Server::of_folder(&tiles, Habits::default());
-    let (of_folder, _) = picture(&folder, "folder.png", &text(&tiles), &[]);
+    let (of_folder, _) = picture(&folder, "folder.png", &text(&tiles), &NO_LIGHTS);
     for input in [text(&catalogue), text(&server.path("all.vpc"))] {
         let outcome = folder.glint(["info", "--json", &input]);
         assert_eq!((outcome.status, &outcome.json()["inputs"][0]["points"]), (Some(0), &points.into()), "{outcome}");
-        let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &[]);
+        let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &NO_LIGHTS);
         assert!(of_catalogue == of_folder, "{input}: {messages}");
     }
     let again = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&catalogue)]);
@@ -284,7 +293,7 @@ fn a_folder_or_a_catalogue_of_copc_files_is_one_cloud_with_the_points_of_its_fil
         let outcome = folder.glint(["index", &text(&input), "-o", &paths[paths.len() - 1]]);
         assert_eq!(outcome.status, Some(0), "{outcome}");
     }
-    let (of_folder, _) = picture(&folder, "folder.png", &text(&tiles), &[]);
+    let (of_folder, _) = picture(&folder, "folder.png", &text(&tiles), &FEW_LIGHTS);
     let catalogue = tiles.join("all.vpc");
     let outcome = folder.glint(["index", "--catalogue", &text(&tiles), "-o", &text(&catalogue)]);
     assert_eq!(outcome.status, Some(0), "{outcome}");
@@ -298,7 +307,7 @@ fn a_folder_or_a_catalogue_of_copc_files_is_one_cloud_with_the_points_of_its_fil
     assert!(of_files == of_tiles);
     let server = Server::of_folder(&tiles, Habits { fails: 10, ..Habits::default() });
     for input in [text(&catalogue), text(&server.path("all.vpc"))] {
-        let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &[]);
+        let (of_catalogue, messages) = picture(&folder, "catalogue.png", &input, &FEW_LIGHTS);
         assert!(of_catalogue == of_folder, "{input}: {messages}");
     }
     // A tile that is missing is reported, and the others are shown.
@@ -306,7 +315,7 @@ fn a_folder_or_a_catalogue_of_copc_files_is_one_cloud_with_the_points_of_its_fil
     for pages in ["stream.pages=always", "stream.pages=never"] {
         let output = text(&folder.path(&format!("{pages}.png")));
         let arguments = ["render", &text(&catalogue), "-o", &output, "--size", "200x150", "--set", pages];
-        let outcome = folder.glint(arguments.iter().chain(&FEW_LIGHTS));
+        let outcome = folder.glint(arguments.iter().chain(&NO_LIGHTS));
         let told = format!("glint: {}: a tile is missing: {}", text(&catalogue), paths[1]);
         assert!(outcome.status == Some(2) && outcome.messages.contains(&told), "{outcome}");
         assert!(std::fs::metadata(output).is_ok(), "the others are shown");
