@@ -102,7 +102,7 @@ fn a_frame_that_lacks_points_of_a_failing_server_is_made_by_the_next_run() {
     // All that the opening asks for, and of the nodes of the first frame the first one.
     server.fail_after(19);
     let address = server.path(name).display().to_string();
-    let common = ["--size", "96x64", "--set", "view.point_budget=100000", "--set", "gi.vpls=16"];
+    let common = ["--size", "96x64", "--set", "view.point_budget=100000", "--set", "gi.bounces=0"];
     let words =
         ["record", &address, "--path", "turntable", "-o", "turn.gif", "--fps", "1", "--frames", "0..2", "--stats"];
     let record = || folder.glint_within(PATIENCE, words.iter().chain(&common));
@@ -190,7 +190,7 @@ fn the_point_budget_and_the_detail_change_along_a_path() {
     };
     let keys = track("view.point_budget", "[0.0, 0.4, 0.8]", "[400000, 100000, 400000]", "linear")
         + &track("stream.detail", "[0.0, 0.6]", "[0.25, 8.0]", "hold");
-    let scene = streamed_scene();
+    let scene = streamed_scene().replacen("\"gi.vpls\" = 16", "\"gi.bounces\" = 0", 1);
     let still = &scene[..scene.find("[[paths.keyframes]]\ntime = 0.4").expect("the second keyframe")];
     folder.write("tour.toml", format!("{still}{keys}"));
     let words = "record tour.toml -o budgets --size 192x128 --fps 10 --frames 2..7 --stats";
@@ -317,14 +317,14 @@ fn built_in_paths_need_no_scene_file() {
     folder.write("hills.ply", hills(20_000));
     let mut ends = Vec::new();
     for path in ["turntable", "orbit", "flight"] {
-        let few = ["--size", "96x64", "--fps", "1", "--frames", "2..4", "--set", "gi.vpls=16"];
+        let few = ["--size", "96x64", "--fps", "1", "--frames", "2..4", "--set", "gi.bounces=0"];
         let recorded =
             folder.glint_within(PATIENCE, ["record", "hills.ply", "--path", path, "-o", path].iter().chain(&few));
         if lacks_adapter(&recorded) {
             return;
         }
         assert_eq!((recorded.status, recorded.messages.as_str()), (Some(0), ""), "{recorded}");
-        let words = ["--path", path, "--time", "3", "--size", "96x64", "--set", "gi.vpls=16"];
+        let words = ["--path", path, "--time", "3", "--size", "96x64", "--set", "gi.bounces=0"];
         let then = folder.glint_within(PATIENCE, ["render", "hills.ply", "-o", "then.png"].iter().chain(&words));
         assert_eq!(then.status, Some(0), "{then}");
         let frame = unnamed(folder.path(path).join("frame-000003.png"));
@@ -344,7 +344,7 @@ fn built_in_paths_need_no_scene_file() {
 fn a_built_in_path_over_a_streamed_cloud_is_the_same_each_time() {
     let folder = Folder::new();
     folder.write("hills.ply", hills(200_000));
-    let common = ["--path", "flight", "--size", "96x64", "--set", "gi.vpls=16", "--set", "stream.pages=always"];
+    let common = ["--path", "flight", "--size", "96x64", "--set", "gi.bounces=0", "--set", "stream.pages=always"];
     let mut frames = Vec::new();
     for output in ["one", "two"] {
         let words = ["record", "hills.ply", "-o", output, "--fps", "1", "--frames", "3..4"];
