@@ -144,7 +144,7 @@ figures = ["exact_light_error", "exact_light_mean"]
 name = "rays"
 scenes = ["five-mirrors/none"]
 methods = ["none"]
-sweep = { "gi.rays_per_pixel" = [1, 64] }
+sweep = { "gi.rays_per_pixel" = [1, 16] }
 "#,
     );
     let Some(outcome) = study(&folder, &["plan.toml", "-o", "out"]) else { return };
