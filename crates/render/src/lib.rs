@@ -6,6 +6,7 @@
 mod allocation;
 mod caustics;
 mod coloring;
+mod dead_branches;
 mod exposure;
 mod frame;
 mod gi;

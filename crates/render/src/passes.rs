@@ -2,6 +2,7 @@
 //! point, of its pipeline, and of the type by which the pass is called; its slots are the shader's bindings, by name,
 //! in order.
 
+use std::borrow::Cow;
 use std::sync::PoisonError;
 
 use param::choices;
@@ -497,10 +498,11 @@ impl Compiled {
     fn compile(gpu: &Gpu, pass: &'static Pass, switches: &[(&'static str, u32)]) -> Result<Code, String> {
         let device = &gpu.device;
         let woven = crate::shader::weave(pass)?;
+        let (shader, constants) = woven.module(switches).map_err(|fault| format!("shader {}: {fault}", pass.name))?;
         let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(pass.name),
-            source: wgpu::ShaderSource::Wgsl(woven.source.as_str().into()),
+            source: wgpu::ShaderSource::Naga(Cow::Owned(shader)),
         });
         let layouts: Vec<wgpu::BindGroupLayout> = pass
             .groups()
@@ -527,7 +529,6 @@ impl Compiled {
             bind_group_layouts: &optional,
             ..Default::default()
         });
-        let constants: Vec<(&str, f64)> = switches.iter().map(|(name, value)| (*name, f64::from(*value))).collect();
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(pass.name),
             layout: Some(&layout),

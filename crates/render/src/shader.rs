@@ -5,6 +5,7 @@
 
 use std::collections::HashSet;
 
+use crate::dead_branches;
 use crate::passes::Pass;
 
 macro_rules! embedded {
@@ -21,6 +22,9 @@ const SHARED: &[(&str, &str)] = embedded! {
     tone visibility vpl vpl_of_surface vpl_transfer
 };
 
+/// The values of switches, as wgpu takes them.
+pub type Values<'s> = Vec<(&'s str, f64)>;
+
 /// A shader with its imports included.
 #[derive(Debug, Default)]
 pub struct Woven {
@@ -34,6 +38,20 @@ impl Woven {
     fn origin(&self, line: usize) -> String {
         let (file, line) = self.lines.get(line.wrapping_sub(1)).copied().unwrap_or(("?", 0));
         format!("{file}.wgsl:{line}")
+    }
+
+    /// The shader without what these values of its switches rule out, and the values of those that are left.
+    ///
+    /// # Errors
+    /// The shader's first fault with its file and line, or the name of a switch that it lacks.
+    pub fn module<'s>(&self, switches: &[(&'s str, u32)]) -> Result<(naga::Module, Values<'s>), String> {
+        let fault = |error: naga::front::wgsl::ParseError| self.explain(&error.emit_to_string(&self.source));
+        let mut module = naga::front::wgsl::parse_str(&self.source).map_err(fault)?;
+        dead_branches::leave_out(&mut module, switches)?;
+        let is_left = |name: &str| module.overrides.iter().any(|(_, own)| own.name.as_deref() == Some(name));
+        let left = switches.iter().filter(|(name, _)| is_left(name)).map(|(name, value)| (*name, f64::from(*value)));
+        let left = left.collect();
+        Ok((module, left))
     }
 
     /// A compiler's message (`... wgsl:398:9 ...`), preceded by the place in the source file.

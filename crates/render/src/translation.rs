@@ -20,6 +20,7 @@ use crate::passes::{ALL, Pass, Slot};
 use crate::rehearsal::Cast;
 use crate::renderer::Renderer;
 use crate::shader::tests::module_of;
+use crate::shader::{Values, weave};
 
 use language::{LANGUAGES, has_wide_atomics};
 
@@ -189,14 +190,23 @@ fn translate(
     (module, info): (&Module, &ModuleInfo),
     constants: &Constants,
 ) -> [Result<bool, String>; LANGUAGES.len()] {
-    let constants = constants.iter().map(|(name, value)| (name.clone(), f64::from(*value))).collect();
-    let entry = (naga::ShaderStage::Compute, pass.name);
-    // Naga judges the module anew where it puts values in, which takes longer than writing it: once for all languages.
-    let filled = naga::back::pipeline_constants::process_overrides(module, info, Some(entry), &constants);
+    let switches: Vec<(&str, u32)> = constants.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+    let fill = |(module, left): (Module, Values<'_>)| {
+        let entry = Some((naga::ShaderStage::Compute, pass.name));
+        let left = left.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module);
+        let info = info.map_err(|error| format!("{error:?}"))?;
+        let filled = naga::back::pipeline_constants::process_overrides(&module, &info, entry, &left);
+        let (module, info) = filled.map_err(|error| error.to_string())?;
+        Ok((module.into_owned(), info.into_owned()))
+    };
+    // What the renderer hands over. Naga judges the module anew where it puts values in, which takes longer than writing
+    // it: once for all languages.
+    let filled = weave(pass).and_then(|woven| woven.module(&switches)).and_then(fill);
     LANGUAGES.each_ref().map(|language| match &filled {
         _ if !language.is_asked(module, info) => Ok(false),
         Ok((module, info)) => language.write(pass, module, info).map(|()| true),
-        Err(error) => Err(error.to_string()),
+        Err(error) => Err(error.clone()),
     })
 }
 
