@@ -67,7 +67,7 @@ pub fn look(
     let mut warnings = files.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
     warnings.extend(gauge.too_few().filter(|_| finds).map(|count| {
         let count = grouped(count as u64);
-        format!("mirrors are looked for among {count} points of each station: of so few, columns and small mirrors may be missed")
+        format!("mirrors are looked for among {count} points: of so few, some may be missed")
     }));
     let missing = codec::missing_points(sources).saturating_add(files.missing.into_inner());
     let gauge = Arc::new(gauge);

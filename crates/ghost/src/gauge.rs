@@ -19,7 +19,7 @@ const SAMPLED: u64 = 400_000;
 const LEVELS: usize = 5;
 /// The least distance of a ghost from a mirror, in edges of the finest cells.
 pub(crate) const BEHIND: f64 = 4.0;
-/// The points of a station with which made columns, and mirrors of half a metre, were found (docs/ghosts.md).
+/// The points among which made columns were found (docs/ghosts.md).
 const ENOUGH: usize = 300_000;
 /// The fewest points that say where a mirror is.
 const FEWEST_POINTS: usize = 60;
@@ -88,10 +88,9 @@ impl Gauge {
         Ok(Some(Self { stations: stations.to_vec(), map, samples }))
     }
 
-    /// The number of points of each station in the sample, if these are so few that mirrors may be missed.
+    /// The number of points, if there are so few that mirrors may be missed.
     pub fn too_few(&self) -> Option<usize> {
-        let count = self.samples.len() / self.stations.len().max(1);
-        (count < ENOUGH).then_some(count)
+        Some(self.samples.len()).filter(|count| *count < ENOUGH)
     }
 
     /// The points of the sample that lie behind a mirror, as a station sees them.
