@@ -36,11 +36,9 @@ fn exposure_fit() {
     }
     var shown = stops;
     if adaptation.share < 1.0 {
-        shown = mix(fitted.shown, stops, adaptation.share);
+        shown = mix(adaptation.before, stops, adaptation.share);
     }
     let is_close = abs(shown - stops) < EXPOSURE_CLOSE;
-    shown = select(shown, stops, is_close);
-    fitted.shown = shown;
-    fitted.stops = settings.tone.exposure + shown;
+    fitted.stops = settings.tone.exposure + select(shown, stops, is_close);
     fitted.adapts = select(1u, 0u, is_close);
 }

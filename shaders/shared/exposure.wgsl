@@ -17,19 +17,19 @@ const EXPOSURE_MOST: f32 = 8.0;
 const EXPOSURE_CLOSE: f32 = 0.03;
 
 struct Adaptation {
-    // The share of the way from the exposure before to the one that fits.
+    // The stops of the picture before, without those of the parameter.
+    before: f32,
+    // The share of the way from there to the exposure that fits.
     share: f32,
     unused_0: u32,
     unused_1: u32,
-    unused_2: u32,
 }
 
 struct FittedExposure {
     // Stops by which the picture is brightened: those shown and those of the parameter.
     stops: f32,
-    // Of these, the stops that were fitted.
-    shown: f32,
     // 1 if the exposure is on its way to the one that fits.
     adapts: u32,
-    unused: u32,
+    unused_0: u32,
+    unused_1: u32,
 }

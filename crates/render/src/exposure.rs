@@ -9,18 +9,36 @@ use scene::{ExposureFit, Lighting, ResolvedLight, Settings};
 
 use crate::gpu::{Gpu, Result};
 use crate::inputs::Inputs;
-use crate::layout::{Adaptation, EXPOSURE_BINS, EXPOSURE_COUNT_BYTES, FittedExposure};
+use crate::layout::{self, EXPOSURE_BINS, EXPOSURE_COUNT_BYTES, FittedExposure};
 use crate::passes;
 use crate::recorder::Recorder;
 use crate::targets::{Image, Targets, storage, uniform_buffer};
 
-/// The exposure of the last frame that was fitted.
+/// The exposure of a picture, which was fitted to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
     /// The stops that the picture is brightened by, with those of `tone.exposure`.
     pub stops: f32,
-    /// Whether the exposure is on its way to the one that fits (`Effort::exposure_share`).
+    /// Whether the exposure is on its way to the one that fits (`Effort::adaptation`).
     pub adapts: bool,
+}
+
+/// How the exposure of a picture follows that of the picture before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adaptation {
+    /// The stops that the picture before was brightened by, without those of `tone.exposure`.
+    pub before: f32,
+    /// The share of the way from there to the exposure that fits.
+    pub share: f32,
+}
+
+impl Adaptation {
+    /// Where the exposure gets to on its way to the stops that fit a picture: the twin of `exposure_fit`.
+    pub(crate) fn go_to(self, fitting: f32, parameter: f32) -> Exposure {
+        let shown = self.before + (fitting - self.before) * self.share;
+        let adapts = (shown - fitting).abs() >= CLOSE;
+        Exposure { stops: parameter + if adapts { shown } else { fitting }, adapts }
+    }
 }
 
 impl From<FittedExposure> for Exposure {
@@ -55,8 +73,8 @@ impl ExposureMeter {
         }
     }
 
-    /// Fits the exposure to colours of the frame, and gives it to the passes that follow. The exposure goes this share
-    /// of the way from that of the last frame to the one that fits, or all of it for `None`.
+    /// Fits the exposure to colours of the frame, and gives it to the passes that follow. It goes a share of the way, or
+    /// for `None` all of it.
     ///
     /// # Errors
     /// A shader is refused.
@@ -65,7 +83,7 @@ impl ExposureMeter {
         recorder: &mut Recorder<'_>,
         inputs: &Inputs,
         (color, targets): (&Image, &Targets),
-        share: Option<f32>,
+        adaptation: Option<Adaptation>,
     ) -> Result<()> {
         recorder.clear(&self.histogram);
         let bindings = passes::exposure_histogram {
@@ -75,8 +93,8 @@ impl ExposureMeter {
         };
         let [width, height] = inputs.size;
         recorder.over(&[], inputs, bindings, [width.div_ceil(16), height.div_ceil(16), 1])?;
-        let share = share.filter(|_| self.is_used).unwrap_or(1.0);
-        let adaptation = Adaptation { share, unused_0: 0, unused_1: 0, unused_2: 0 };
+        let Adaptation { before, share } = adaptation.unwrap_or(Adaptation { before: 0.0, share: 1.0 });
+        let adaptation = layout::Adaptation { before, share, unused_0: 0, unused_1: 0 };
         let adaptation = uniform_buffer(recorder.gpu, bytemuck::bytes_of(&adaptation));
         let bindings = passes::exposure_fit {
             adaptation: adaptation.as_entire_binding(),
@@ -97,11 +115,23 @@ impl ExposureMeter {
     }
 }
 
+/// The lower end of the first bin of histograms, in stops, and the width of all.
+const LOWEST: f64 = -16.0;
+const STOPS: f64 = 24.0;
+
+/// A difference in stops that nobody sees.
+const CLOSE: f32 = 0.03;
+
+/// The bin of a histogram that counts pixels of a luminance; `None` for pixels without light. The twin of
+/// `exposure_histogram`.
+pub(crate) fn bin_of(luminance: f32) -> Option<usize> {
+    let stops = f64::from(luminance).log2();
+    let bin = (stops - LOWEST) * f64::from(EXPOSURE_BINS) / STOPS;
+    (stops >= LOWEST).then_some((bin as usize).min(EXPOSURE_BINS as usize - 1))
+}
+
 /// The exposure that fits a histogram, in stops: the twin of `exposure_fit`.
-#[cfg(test)]
 pub(crate) fn stops_of(histogram: &[u32]) -> f64 {
-    const LOWEST: f64 = -16.0;
-    const STOPS: f64 = 24.0;
     let total: u32 = histogram.iter().sum();
     if total == 0 {
         return 0.0;
@@ -124,6 +154,8 @@ pub(crate) fn stops_of(histogram: &[u32]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
     use super::*;
 
     const BIN: f64 = 24.0 / 256.0;
@@ -131,9 +163,26 @@ mod tests {
     fn histogram(parts: &[(f64, u32)]) -> Vec<u32> {
         let mut histogram = vec![0; 256];
         for (stops, count) in parts {
-            histogram[((stops + 16.0) / BIN) as usize] += count;
+            histogram[bin_of(stops.exp2() as f32).unwrap()] += count;
         }
         histogram
+    }
+
+    #[test]
+    fn luminances_are_counted_by_their_stops_and_darkness_is_not() {
+        let first = (-16.0_f32).exp2();
+        for (luminance, bin) in [
+            (f32::NAN, None),
+            (-1.0, None),
+            (0.0, None),
+            (first * 0.99, None),
+            (first, Some(0)),
+            (1.001, Some(170)),
+            (1e9, Some(255)),
+            (f32::INFINITY, Some(255)),
+        ] {
+            assert_eq!(bin_of(luminance), bin, "{luminance}");
+        }
     }
 
     #[test]

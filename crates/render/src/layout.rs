@@ -58,9 +58,9 @@ structs! {
     /// A light with a shadow map, of shaders/shared/light.wgsl.
     LightSource { position_inner: Vec4, axis_outer: Vec4, intensity_focal: Vec4, right: Vec4, up: Vec4 }
     /// How fast the exposure changes, of shaders/shared/exposure.wgsl.
-    Adaptation { share: f32, unused_0: u32, unused_1: u32, unused_2: u32 }
+    Adaptation { before: f32, share: f32, unused_0: u32, unused_1: u32 }
     /// The exposure that was fitted to a picture, of shaders/shared/exposure.wgsl.
-    FittedExposure { stops: f32, shown: f32, adapts: u32, unused: u32 }
+    FittedExposure { stops: f32, adapts: u32, unused_0: u32, unused_1: u32 }
     /// The point whose error is shown, of shaders/show_error.wgsl.
     ShownPoint { position: Vec4 }
     /// The layout of the views of the light, of shaders/shared/light_view.wgsl.

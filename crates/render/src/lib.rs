@@ -45,7 +45,7 @@ mod together;
 mod translation;
 
 pub use coloring::{ColorPlan, ColorSource, STRAY_KINDS, VERDICT, class_color, class_name, ramp_colors};
-pub use exposure::Exposure;
+pub use exposure::{Adaptation, Exposure};
 pub use frame::Objects;
 pub use gi::LightReuse;
 pub use gpu::{

@@ -153,7 +153,7 @@ impl QuickPicture {
             virtual_lights: 0,
             glossy_samples: [0; 2],
             light_rays: [0; 2],
-            exposure: None,
+            exposure: self.pixels.exposure,
             glossy_hits: GlossCache::NoGloss,
             glossy_rays: [0; 2],
             methods: Vec::new(),

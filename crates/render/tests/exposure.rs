@@ -9,7 +9,7 @@ use std::f64::consts::FRAC_1_PI;
 
 use cloud::Chunk;
 use glam::{DVec3, Vec3};
-use render::{Aov, Frame, FrameStats, Material, Objects, PointStore};
+use render::{Adaptation, Aov, Frame, FrameStats, Material, Objects, PointStore};
 use scene::{Camera, LightClues, Settings};
 
 use stage::Stage;
@@ -140,14 +140,18 @@ fn adaptation_goes_a_share_of_the_way_and_ends_at_the_exposure_that_fits() {
     let by = |irradiance| by_sun(&[&ALONG[..], &[("sun.irradiance", irradiance)]].concat());
     let (dark, still) = render(&mut stage, &store, &by("0.3"));
     let dark = dark.exposure.unwrap().stops;
-    stage.effort.exposure_share = Some(0.5);
+    let follow = |before| Some(Adaptation { before, share: 0.5 });
+    stage.effort.adaptation = follow(dark);
     let (bright, _) = render(&mut stage, &store, &by("2.4"));
     let bright = bright.exposure.unwrap();
     // Three stops brighter, of which half is made up for.
     assert!(bright.adapts && (bright.stops - dark + 1.5).abs() <= 2.0 * BIN as f32, "{bright:?} after {dark}");
+    let mut before = bright.stops;
     for frame in 1.. {
+        stage.effort.adaptation = follow(before);
         let (stats, picture) = render(&mut stage, &store, &by("0.3"));
         let exposure = stats.exposure.unwrap();
+        before = exposure.stops;
         if !exposure.adapts {
             assert!(exposure.stops == dark && picture == still, "after {frame} frames");
             break;

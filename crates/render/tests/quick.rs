@@ -8,7 +8,9 @@ use std::sync::Arc;
 
 use cloud::{Attribute, Chunk, Cloud, CloudLayout, Column, ColumnType, PointTest, hash, pack_normal, pack_radius};
 use glam::DVec3;
-use render::{Aov, ColorPlan, Detail, EarlierLight, Frame, Known, Material, Objects, PointStore, QuickPicture};
+use render::{
+    Adaptation, Aov, ColorPlan, Detail, EarlierLight, Frame, Known, Material, Objects, PointStore, QuickPicture,
+};
 use scene::{Camera, Settings};
 
 use stage::Stage;
@@ -60,7 +62,7 @@ fn scan() -> Cloud {
 }
 
 fn camera() -> Camera {
-    Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(0.9, 0.25, -0.4), 5.0, DVec3::Z)
+    Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(-0.9, 0.25, 0.4), 5.0, DVec3::Z)
 }
 
 fn settings(pairs: &[(&str, &str)]) -> Settings {
@@ -237,7 +239,7 @@ fn a_quick_picture_takes_over_the_light_of_a_picture_at_rest_into_other_views() 
     let cloud = scan();
     let settings = settings(&[("light.by", "sun"), ("color.by", "plain"), ("gi.bounces", "0"), ("tone.fit", "locked")]);
     let store = store(&stage, &cloud, &settings);
-    let turned = Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(0.85, 0.4, -0.4), 5.0, DVec3::Z);
+    let turned = Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(-0.85, 0.4, 0.4), 5.0, DVec3::Z);
     let other = still(&mut stage, &store, &turned, &settings);
     still(&mut stage, &store, &camera(), &settings);
     let known = stage.renderer.known_light(&settings).unwrap();
@@ -261,7 +263,7 @@ fn a_quick_picture_takes_over_the_light_of_a_later_picture_where_the_first_knows
         [-0.9, 0.9].map(|x| Camera::looking(DVec3::new(4.0, 0.0, 0.6), DVec3::new(x, 0.25, 0.4), 5.0, DVec3::Z));
     still(&mut stage, &store, &before, &settings);
     let first = stage.renderer.known_light(&settings).unwrap();
-    // That side is dark, so that its own exposure is another one, which the quick picture takes over, too.
+    // That side is dark, so that its own exposure is another one, which the quick picture fits, too.
     for fit in ["locked", "always"] {
         let mut own = settings.clone();
         own.set_text("tone.fit", fit).unwrap();
@@ -269,7 +271,8 @@ fn a_quick_picture_takes_over_the_light_of_a_later_picture_where_the_first_knows
         let later = stage.renderer.known_light(&own).unwrap();
         let mut quick = QuickPicture::default();
         let mut error = |coarse| {
-            let known = Known { light: Some(&first), coarse, ..Known::default() };
+            let adaptation = (fit == "always").then_some(Adaptation { before: 0.0, share: 1.0 });
+            let known = Known { light: Some(&first), coarse, adaptation, ..Known::default() };
             quick.draw(&store, &behind, &settings, SIZE, ALL, known);
             (difference(&quick.take_rows().tight(), &rest), quick.unlit())
         };
@@ -300,7 +303,8 @@ fn a_quick_picture_takes_over_the_light_of_pictures_before_the_last_one() {
         [&before, &last].into_iter().for_each(|known| earlier.add(known));
         let mut quick = QuickPicture::default();
         let mut error = |earlier| {
-            quick.draw(&store, &dark, &settings, SIZE, ALL, Known { light: Some(&last), earlier, coarse: None });
+            let known = Known { light: Some(&last), earlier, ..Known::default() };
+            quick.draw(&store, &dark, &settings, SIZE, ALL, known);
             difference(&quick.take_rows().tight(), &rest)
         };
         let (both, alone) = (error(Some(&earlier)), error(None));

@@ -8,15 +8,15 @@ use std::time::{Duration, Instant};
 use cloud::PointTest;
 use glam::DVec3;
 use render::{
-    Detail, EarlierLight, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture, ReflectedShare,
-    Renderer,
+    Adaptation, Detail, EarlierLight, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture,
+    ReflectedShare, Renderer,
 };
 use scene::{Camera, LightClues, LightView, Lighting, Method, Mirror, Settings, Show, SpotLight, Tone};
 use world::{Change, ChunkKey, Part, Resident};
 
 use crate::viewer::picture::frame_request::{FrameRequest, hurried};
 use crate::viewer::picture::messages::PickedPoint;
-use crate::viewer::picture::pace::Spared;
+use crate::viewer::picture::pace::{Spared, adapted_share};
 
 #[derive(Default)]
 pub struct MovingPictures {
@@ -33,6 +33,9 @@ pub struct MovingPictures {
     /// The mirrors of the last picture at rest, if there was one, whose points stand where they stood there, its camera,
     /// and its reflections in one another.
     stand: Option<(Vec<Mirror>, Camera, u32)>,
+    /// The exposure of the last picture that was drawn for the window, in stops without those of `tone.exposure`, and when
+    /// that was begun, if it was fitted.
+    exposure: Option<(f32, Instant)>,
     /// When the last coarse frame failed, and why, if none was drawn since.
     failure: Option<(Instant, String)>,
     /// Whether the passes of a frame with mirrors are compiled.
@@ -345,14 +348,15 @@ impl MovingPictures {
         // Pictures before the last one at rest have the same light as that.
         let earlier = self.earlier.as_ref().filter(|_| of_rest.is_some());
         let known = of_rest.or(shown);
+        let began = Instant::now();
         let light = known.filter(|_| !is_unlit(request));
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
         }
-        self.trail.go_to(request.camera, Instant::now());
+        self.trail.go_to(request.camera, began);
         let Spared { divisor, most_points, .. } = request.spared.unwrap_or(Spared::NOTHING);
         let detail = Detail { most_points, coarseness: divisor, most_as_discs: Detail::MOST_AS_DISCS };
-        let known = Known { light, earlier, coarse: shown };
+        let known = Known { light, earlier, coarse: shown, adaptation: self.adaptation(true) };
         let mut stats = self.quick.draw(store, camera, settings, request.drawn_size(), detail, known);
         let most_unlit = if self.is_beyond_rest { MOST_UNLIT / 4.0 } else { MOST_UNLIT };
         self.is_beyond_rest = self.quick.unlit() > most_unlit;
@@ -374,10 +378,22 @@ impl MovingPictures {
         since: Instant,
         stats: &FrameStats,
     ) -> render::Result<()> {
+        self.keep_exposure(request, &stats, began);
         self.failure = None;
         if self.reflects(store, request) {
             self.reflected.learn(&request.settings, stats);
         }
+    /// How the exposure of the next picture, which may be a hurried one, follows that of the last one.
+    pub fn adaptation(&self, hurried: bool) -> Option<Adaptation> {
+        self.exposure.map(|(before, at)| Adaptation { before, share: adapted_share(at.elapsed(), hurried) })
+    }
+
+    /// Keeps the exposure of a picture that was drawn for the window, and begun at a time.
+    pub fn keep_exposure(&mut self, request: &FrameRequest, stats: &FrameStats, began: Instant) {
+        let parameter = request.settings.tone.exposure;
+        self.exposure = stats.exposure.map(|exposure| (exposure.stops - parameter, began));
+    }
+
         let known = renderer.known_light(&request.settings)?;
         let share =
             ReflectedShare { pixels: share_of_pixels(request), ..stats.reflected.unwrap_or(ReflectedShare::ALL) };

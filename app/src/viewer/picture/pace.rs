@@ -199,10 +199,14 @@ const ADAPTATION: Duration = Duration::from_millis(250);
 
 /// The longest time that counts between two frames: after a rest, the way begins when the picture changes.
 const LONGEST_STEP: Duration = Duration::from_millis(100);
+/// The longest time that counts before a picture at rest, which may take long to draw, as may those that follow until the
+/// exposure fits.
+const LONGEST_STEP_AT_REST: Duration = Duration::from_millis(500);
 
-/// The share of its way that the exposure goes in the time between two frames.
-pub fn adapted_share(time: Duration) -> f32 {
-    1.0 - (-time.min(LONGEST_STEP).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
+/// The share of its way that the exposure goes in the time between two frames, of which the second may be a hurried one.
+pub fn adapted_share(time: Duration, hurried: bool) -> f32 {
+    let longest = if hurried { LONGEST_STEP } else { LONGEST_STEP_AT_REST };
+    1.0 - (-time.min(longest).as_secs_f32() / ADAPTATION.as_secs_f32()).exp()
 }
 
 #[cfg(test)]

@@ -27,7 +27,6 @@ use crate::viewer::picture::frame_request::{FrameRequest, frame_of, hurried};
 use crate::viewer::picture::judging::{self, MovingJudge};
 use crate::viewer::picture::messages::{Captured, Command, PickedPoint, Picture, Report};
 use crate::viewer::picture::moving::MovingPictures;
-use crate::viewer::picture::pace::adapted_share;
 use crate::viewer::picture::picture_writer::{self, DrawnFrame, Finished};
 
 /// The window's handle to the thread. When it is dropped, the thread ends after the frame that it is drawing.
@@ -126,8 +125,6 @@ struct Worker {
     held: Option<(FrameRequest, bool)>,
     /// The frame whose surface the renderer holds, though further samples or rays of it may have been given up.
     surface: Option<FrameRequest>,
-    /// When the last frame was drawn for the window, whose exposure the next one begins with.
-    exposed_at: Option<Instant>,
     /// The samples of glossy mirrors in the last frame that was drawn for the window.
     summed: u32,
     /// The frame in the window; points are picked from it.
@@ -162,7 +159,6 @@ impl Worker {
             test: None,
             held: None,
             surface: None,
-            exposed_at: None,
             summed: 0,
             on_screen,
             moving,
@@ -185,7 +181,7 @@ impl Worker {
         let gpu = Gpu::on_same_adapter(&self.gpu.info)?;
         self.renderer = Renderer::with_progress(gpu.clone(), &self.shaders)?;
         self.gpu = gpu.clone();
-        (self.held, self.surface, self.on_screen, self.summed, self.exposed_at) = (None, None, None, 0, None);
+        (self.held, self.surface, self.on_screen, self.summed) = (None, None, None, 0);
         self.resident.store.move_to(gpu)
     }
 
@@ -518,10 +514,9 @@ impl Worker {
         let stands = self.is_held(request) && request.settings.reflection.keep;
         self.surface = self.surface.take().filter(|_| stands);
         self.held = None;
-        let since = self.exposed_at.filter(|_| samples.is_some()).map(|at| at.elapsed());
-        self.exposed_at = samples.is_some().then(Instant::now);
+        let adaptation = self.moving.adaptation(request.hurried).filter(|_| samples.is_some());
         let frame = frame_of(request);
-        let effort = Effort { most_samples: samples, exposure_share: since.map(adapted_share), ..frame.effort };
+        let effort = Effort { most_samples: samples, adaptation, ..frame.effort };
         render::Frame { effort, ..frame }
     }
 
@@ -546,12 +541,14 @@ impl Worker {
             true => self.draw_moving(&request)?,
             false => self.draw_by_passes(&request)?,
         };
+        let began = Instant::now();
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         self.moving.is_shown = stats.is_quick;
         if !request.hurried {
             self.judge.on_still(&request);
         }
         if let Some(still) = self.judge.still_of(&request) {
+        self.moving.keep_exposure(&request, &stats, began);
             self.render(&still, None)?;
             stats.flip = Some(judging::flip_to_still(&rows, request.drawn_size(), &self.renderer, request.size)?);
         }

@@ -157,3 +157,24 @@ mod tests {
         assert_eq!(earlier.views.len(), 0);
     }
 }
+
+    #[test]
+    fn what_mirrors_show_is_brightened_as_the_rest_is() {
+        let (_, known) = view(DVec3::new(4.0, 0.0, 0.0), "perspective");
+        let linear = |srgb: f32| if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) };
+        let srgb = |linear: f32| {
+            let linear = linear.min(1.0);
+            if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+        };
+        for stops in [-1.5_f32, 0.0, 0.7] {
+            let exposed = known.exposed(stops);
+            for part in 0..255 {
+                let expected = srgb(linear(part as f32 / 255.0) * stops.exp2()) * 255.0;
+                let found = f32::from(exposed[part]);
+                assert!(
+                    (found - expected).abs() <= 1.5 * stops.exp2().max(1.0),
+                    "{part}, {stops}: {found}, {expected}"
+                );
+            }
+        }
+    }

@@ -7,7 +7,9 @@ use rayon::prelude::*;
 
 use super::earlier::EarlierLight;
 use super::splat::{MIRROR, View};
+use crate::exposure::{self, Adaptation};
 use crate::frame::FrameCamera;
+use crate::layout::EXPOSURE_BINS;
 
 /// What a picture at rest knows of the light on the surfaces that it shows, and of what its mirrors show.
 pub struct KnownLight {
@@ -42,6 +44,8 @@ pub struct Known<'a> {
     /// A coarser picture of a view that may be nearer to this one: the light on points of which the others know none, and
     /// what mirrors show.
     pub coarse: Option<&'a KnownLight>,
+    /// How the exposure follows that of the picture before; `None` where it is that of `light`.
+    pub adaptation: Option<Adaptation>,
 }
 
 /// The images of a picture at rest: rows of linear values.
@@ -144,6 +148,32 @@ impl KnownLight {
     }
 }
 
+impl KnownLight {
+    /// The stops that the picture was brightened by.
+    pub(super) fn stops(&self) -> f32 {
+        self.seen.stops
+    }
+
+    /// What each part of a colour on the screen is where the picture is brightened by `stops`.
+    pub(super) fn exposed(&self, stops: f32) -> [u8; 256] {
+        let factor = (stops - self.seen.stops).exp2();
+        let mut entry = 0;
+        std::array::from_fn(|part| {
+            if factor == 1.0 {
+                return part as u8;
+            }
+            let first = entry;
+            while entry + 1 < CURVE && usize::from(self.curve[entry]) <= part {
+                entry += 1;
+            }
+            // The middle of those with this colour; white may be brighter by any amount.
+            let middle = if part == 255 { first } else { (first + entry) / 2 };
+            let share = (middle as f32 + 0.5) / CURVE as f32;
+            on_screen(&self.curve, MIDDLE * share / (1.0 - share) * factor)
+        })
+    }
+}
+
 impl SeenLight {
     /// Whether two pixels are of the same mirror, as far as that is known.
     #[inline(always)]
@@ -181,10 +211,10 @@ impl SeenLight {
         rows.flat_map_iter(|y| (0..width).map(move |x| of_pixel(x, y).unwrap_or([0; 4]))).collect()
     }
 
-    /// By how much codes of this light grow where a picture that is brightened as `shown` takes them over: codes are roots of
+    /// By how much codes of this light grow where a picture that is brightened by `stops` takes them over: codes are roots of
     /// light that is brightened as its picture was.
-    pub fn gain(&self, shown: &Self) -> f32 {
-        ((shown.stops - self.stops) * 0.5).exp2()
+    fn gain(&self, stops: f32) -> f32 {
+        ((stops - self.stops) * 0.5).exp2()
     }
 }
 
@@ -241,6 +271,9 @@ pub struct Lit<'a> {
     lights: [f32; 256],
 }
 
+/// One pixel in so many along each side counts for the exposure.
+const COUNTED: usize = 4;
+
 impl<'a> Lit<'a> {
     pub fn new(known: &'a KnownLight) -> Self {
         let linear = |srgb: f32| if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) };
@@ -249,6 +282,26 @@ impl<'a> Lit<'a> {
             linear: std::array::from_fn(|code| linear(code as f32 / 255.0)),
             lights: std::array::from_fn(|code| (code as f32 / 255.0).powi(2) * MOST),
         }
+    }
+
+    /// Brightens all light by so many stops more.
+    pub fn brighten(&mut self, stops: f32) {
+        self.lights.iter_mut().for_each(|light| *light *= stops.exp2());
+    }
+
+    /// The stops that fit a picture of this width, by the rules of exposure.rs, if its lights are brightened by `coded`;
+    /// `None` where nothing is lit. Mirrors do not count.
+    pub fn fitting(&self, (albedo, lights): (&[[u8; 4]], &[[u8; 4]]), width: usize, coded: f32) -> Option<f32> {
+        let mut histogram = [0; EXPOSURE_BINS as usize];
+        let rows = albedo.chunks(width).zip(lights.chunks(width)).step_by(COUNTED);
+        for (albedo, light) in rows.flat_map(|(albedo, lights)| albedo.iter().zip(lights).step_by(COUNTED)) {
+            if light[3] != NEEDS_NONE {
+                let part = |part: usize| self.linear[usize::from(albedo[part])] * self.lights[usize::from(light[part])];
+                let luminance = 0.2126 * part(0) + 0.7152 * part(1) + 0.0722 * part(2);
+                exposure::bin_of(luminance * (-coded).exp2()).into_iter().for_each(|bin| histogram[bin] += 1);
+            }
+        }
+        histogram.iter().any(|count| *count > 0).then(|| exposure::stops_of(&histogram) as f32)
     }
 
     /// The colour of a surface with an albedo in sRGB and a coded light.
@@ -403,8 +456,15 @@ pub fn stand_in(view: &View, depth: &[f32], color: &mut [[u8; 4]]) {
     }
 }
 
-/// Gives the pixels of mirrors what they show, as far as it is known.
-pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f32], color: &mut [[u8; 4]]) {
+/// Gives the pixels of mirrors what they show, as far as it is known, brightened by `stops`.
+pub fn reflect(
+    (known, stops): (&KnownLight, f32),
+    frame: &FrameCamera,
+    view: &View,
+    depth: &[f32],
+    color: &mut [[u8; 4]],
+) {
+    let exposed = known.exposed(stops);
     let width = view.size[0] as usize;
     let stride = width + 2;
     let seen = &*known.seen;
@@ -424,7 +484,7 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
                 y.clamp(0.0, last_y as f32) as usize * seen.size[0] + x.clamp(0.0, last_x as f32) as usize
             };
             let shown = |texel: usize| {
-                let [red, green, blue, _] = known.shown[texel];
+                let [red, green, blue, _] = known.shown[texel].map(|part| exposed[usize::from(part)]);
                 Vec3::new(f32::from(red), f32::from(green), f32::from(blue))
             };
             let square = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| at(left + x, top + y));
@@ -454,10 +514,10 @@ pub fn reflect(known: &KnownLight, frame: &FrameCamera, view: &View, depth: &[f3
 
 /// Finds the coded light of each pixel of a view with these colours: what `known.light` knows of it, or else what the pictures
 /// before that knew, or else what `known.coarse` knows. `depth` has a border of one pixel; depths are infinite where nothing
-/// is seen. Light that is not known is that around it. Mirrors get none. All light is brightened as the last of these pictures
-/// was. Returns the share of the pixels that need light and lie in tiles of which pictures at rest know nearly none.
+/// is seen. Light that is not known is that around it. Mirrors get none. All light is brightened by `stops`. Returns the share
+/// of the pixels that need light and lie in tiles of which pictures at rest know nearly none.
 pub fn spread(
-    (light, known): (&KnownLight, Known<'_>),
+    (light, known, stops): (&KnownLight, Known<'_>, f32),
     frame: &FrameCamera,
     size: [u32; 2],
     (depth, color): (&[f32], &[[u8; 4]]),
@@ -467,12 +527,11 @@ pub fn spread(
     let stride = width + 2;
     lights.resize(width * height, [0; 4]);
     let coarse = known.coarse.filter(|coarse| !std::ptr::eq(*coarse, light));
-    let shown = &*coarse.unwrap_or(light).seen;
     let shown_as = |gain: f32, [red, green, blue, kind]: [u8; 4]| {
         let [red, green, blue] = [red, green, blue].map(|code| (f32::from(code) * gain + 0.5) as u8);
         [red, green, blue, kind]
     };
-    let other = |seen| (Before::new(seen, frame), seen.gain(shown));
+    let other = |seen| (Before::new(seen, frame), SeenLight::gain(seen, stops));
     let (before, gain) = other(&*light.seen);
     let coarse = coarse.map(|coarse| other(&*coarse.seen));
     // Each picture before is looked up where all others know nothing, so only those that know most are: the others show other

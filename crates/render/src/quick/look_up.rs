@@ -6,8 +6,9 @@ use scene::Settings;
 
 use super::discs::{self, Splat};
 use super::levels::{EMPTY, IN_FRONT, LEVELS, Levels, NEARER, Sides, depth_of, identity_of};
-use super::light::{self, Known, Lit};
+use super::light::{self, Known, KnownLight, Lit};
 use super::splat::{Disc, NO_DISC, Piece, View};
+use crate::exposure::Exposure;
 use crate::frame::FrameCamera;
 use crate::layout::BLOCK_POINTS;
 
@@ -27,6 +28,8 @@ pub struct Pixels {
     lights: Vec<[u8; 4]>,
     /// The share of the lit pixels whose light no picture at rest knows.
     pub unlit: f32,
+    /// The exposure, if it was fitted.
+    pub exposure: Option<Exposure>,
     pub picture: Vec<[u8; 4]>,
 }
 
@@ -317,10 +320,21 @@ impl Pixels {
         let width = view.size[0] as usize;
         let pixels = width * view.size[1] as usize;
         self.picture.resize(pixels, [0; 4]);
-        self.unlit = 0.0;
+        (self.unlit, self.exposure) = (0.0, None);
+        // The stops that the picture is brightened by.
+        let mut stops = known.coarse.map_or(0.0, KnownLight::stops);
         if let Some(light) = known.light {
-            self.unlit = light::spread((light, known), frame, view.size, (&self.depth, &self.color), &mut self.lights);
-            let lit = Lit::new(light);
+            let parameter = settings.tone.exposure;
+            let coded = known.adaptation.map_or(light.stops(), |adaptation| adaptation.before + parameter);
+            let images = (&self.depth[..], &self.color[..]);
+            self.unlit = light::spread((light, known, coded), frame, view.size, images, &mut self.lights);
+            let mut lit = Lit::new(light);
+            self.exposure = known.adaptation.map(|adaptation| {
+                let fitting = lit.fitting((&self.color, &self.lights), width, coded);
+                adaptation.go_to(fitting.unwrap_or(adaptation.before), parameter)
+            });
+            stops = self.exposure.map_or(coded, |exposure| exposure.stops);
+            lit.brighten(stops - coded);
             let color = |(color, of_pixel): (&mut [u8; 4], &[u8; 4])| {
                 if of_pixel[3] != light::NEEDS_NONE {
                     *color = lit.color(*color, *of_pixel);
@@ -330,7 +344,7 @@ impl Pixels {
         }
         light::stand_in(view, &self.depth, &mut self.color);
         if let Some(coarse) = known.coarse {
-            light::reflect(coarse, frame, view, &self.depth, &mut self.color);
+            light::reflect((coarse, stops), frame, view, &self.depth, &mut self.color);
         }
         let background = settings.view.background.bytes();
         let (depth, color) = (&self.depth, &self.color);

@@ -350,7 +350,7 @@ pub(super) fn show(
 ) -> Result<()> {
     let settings = plan.settings;
     if exposure::is_fitted(settings, plan.shading.light) {
-        exposure.fit(recorder, inputs, (&targets.color, targets), plan.effort.exposure_share)?;
+        exposure.fit(recorder, inputs, (&targets.color, targets), plan.effort.adaptation)?;
     } else {
         exposure.is_used = false;
     }

@@ -2,6 +2,7 @@
 
 use scene::{Camera, Settings};
 
+use crate::exposure::Adaptation;
 use crate::frame::Objects;
 use crate::gi::LightReuse;
 
@@ -43,9 +44,9 @@ pub struct Effort {
     pub light_may_lag: bool,
     /// What the frame does with the indirect light of earlier frames on the surfaces that the camera sees.
     pub light_reuse: LightReuse,
-    /// The share of the way that the exposure goes from that of the frame before to the one that fits; `None` for all.
-    /// An exposure that nobody can distinguish from the one that fits becomes that.
-    pub exposure_share: Option<f32>,
+    /// How the exposure follows that of the picture before; `None` where it is the one that fits. An exposure that nobody
+    /// can distinguish from the one that fits becomes that.
+    pub adaptation: Option<Adaptation>,
     /// Whether each pass is timed. The choice matters on GPUs without timestamps, where the host's clock can only time
     /// what it waits for. Without it such a frame is submitted in two parts, as long as each of its passes has been
     /// timed before: what splats the points that the camera sees, and the rest.
@@ -60,7 +61,7 @@ impl Effort {
         most_samples: None,
         light_may_lag: false,
         light_reuse: LightReuse::Never,
-        exposure_share: None,
+        adaptation: None,
         times_passes: true,
     };
 
