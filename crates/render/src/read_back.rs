@@ -11,7 +11,7 @@ use crate::image::{Aov, AovImage};
 use crate::layout::SAME_SURFACE;
 use crate::quick::{KnownLight, StillImages, StillMirrors};
 use crate::reflection::Reflections;
-use crate::renderer::{Renderer, nothing_rendered};
+use crate::renderer::{Frame, Renderer, nothing_rendered};
 use crate::store::PointStore;
 use crate::targets::{Image, Targets};
 
@@ -248,9 +248,39 @@ impl Renderer {
             color: floats16(&read(&targets.color)?),
             mirrors,
         };
+        Ok(KnownLight::new(camera, images, self.stops(settings)?, self.is_filmic))
+    }
+
+    /// The light in another view from the eye of the last frame, which the same lights and virtual lights shine into; where
+    /// `frame` moves, by the shadow map of a sun that shows the whole scene. Nothing of the last frame is lost. `None` if the
+    /// view has another eye, a parallel projection, or light by rays, which are traced for each view.
+    ///
+    /// # Errors
+    /// A shader is refused, there is no memory, the frame was given up, or the device was lost.
+    pub fn light_around(&mut self, store: &PointStore, frame: &Frame<'_>) -> Result<Option<KnownLight>> {
+        let Some((camera, targets, has_indirect)) = self.shade_around(store, frame)? else { return Ok(None) };
+        let read = |image: &Image| self.gpu.read_texture(&image.texture);
+        let mut color = floats16(&read(&targets.direct)?);
+        if let Some(indirect) = self.gi.met().filter(|_| has_indirect) {
+            color.iter_mut().zip(floats16(&read(indirect)?)).for_each(|(direct, indirect)| *direct += indirect);
+        }
+        let surface = targets.surface();
+        let images = StillImages {
+            depth: floats32(&read(&surface.depth)?),
+            albedo: floats16(&read(&surface.albedo)?),
+            color,
+            mirrors: None,
+        };
+        Ok(Some(KnownLight::new(camera, images, self.stops(frame.settings)?, self.is_filmic)))
+    }
+
+    /// The stops that the last frame's picture was brightened by; it had this `tone.exposure`.
+    ///
+    /// # Errors
+    /// The device was lost.
+    fn stops(&self, settings: &Settings) -> Result<f32> {
         let fitted = self.handed.exposure()?.filter(|_| self.exposure.is_used);
-        let stops = fitted.map_or(settings.tone.exposure, |fitted| fitted.stops);
-        Ok(KnownLight::new(camera, images, stops, self.is_filmic))
+        Ok(fitted.map_or(settings.tone.exposure, |fitted| fitted.stops))
     }
 
     fn rendered(&self) -> Result<&Targets> {

@@ -1,5 +1,6 @@
 //! Renders a frame: runs the passes in their order on its images, and measures their time.
 
+mod around;
 mod chapters;
 mod failure;
 mod plan;

@@ -312,6 +312,86 @@ fn a_quick_picture_takes_over_the_light_of_pictures_before_the_last_one() {
     }
 }
 
+#[test]
+fn the_light_around_the_eye_is_known_and_the_picture_at_rest_stays() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    let pairs = [("light.by", "sun"), ("color.by", "plain"), ("gi.vpls", "16"), ("tone.fit", "locked")];
+    let settings = settings(&pairs);
+    let store = store(&stage, &cloud, &settings);
+    // The floor, and then the ball.
+    let eye = DVec3::new(2.0, -1.0, 1.5);
+    let [floor, ball] = [DVec3::new(-0.6, -1.0, -1.0), DVec3::new(2.0, 1.0, -0.4)]
+        .map(|direction| Camera::from_eye(eye, eye + 2.0 * direction.normalize(), DVec3::Z));
+    let ball = Camera { eye: floor.eye, ..ball };
+    let rest = still(&mut stage, &store, &ball, &settings);
+    let here = still(&mut stage, &store, &floor, &settings);
+    let known = stage.renderer.known_light(&settings).unwrap();
+    let mut around = |settings: &Settings, camera: &Camera| {
+        let frame = Frame::new(camera, settings, Objects::default(), SIZE);
+        stage.renderer.light_around(&store, &frame).unwrap()
+    };
+    let mut earlier = EarlierLight::default();
+    assert_eq!(earlier.directions_from(eye).count(), 0);
+    earlier.add_coarse(&around(&settings, &ball).unwrap());
+    let direction = earlier.directions_from(floor.eye).next().unwrap();
+    assert!(direction.distance(ball.forward()) < 1e-9, "{direction}");
+    // Of other eyes, of parallel projections, and of rays nothing is known.
+    let elsewhere = Camera { eye: eye + 0.1 * DVec3::X, ..ball };
+    assert!(around(&settings, &elsewhere).is_none());
+    for (key, value) in [("view.projection", "orthographic"), ("gi.by", "rays")] {
+        let mut other = settings.clone();
+        other.set_text(key, value).unwrap();
+        assert!(around(&other, &ball).is_none(), "{key}");
+    }
+    let mut quick = QuickPicture::default();
+    let mut error = |earlier| {
+        let known = Known { light: Some(&known), earlier, ..Known::default() };
+        quick.draw(&store, &ball, &settings, SIZE, ALL, known);
+        (difference(&quick.take_rows().tight(), &rest), quick.unlit())
+    };
+    let ((with, unlit), (without, unknown)) = (error(Some(&earlier)), error(None));
+    assert!(unlit < 0.05 && unknown > 0.3, "{unlit} is unlit with the light around the eye and {unknown} without it");
+    assert!(with < 8.0 && without > 1.5 * with, "{with} with the light around the eye and {without} without it");
+    // The renderer holds what it held.
+    let frame = Frame::new(&floor, &settings, Objects::default(), SIZE);
+    let stats = stage.renderer.render(&store, &frame).unwrap();
+    assert!(stats.passes.iter().all(|pass| !pass.name.starts_with("splat")), "{:?}", stats.passes);
+    assert!(stage.renderer.read_picture().unwrap() == here);
+}
+
+#[test]
+fn the_exposure_of_a_quick_picture_follows_what_it_shows() {
+    let mut stage = stage_or_skip!();
+    let cloud = scan();
+    let pairs = [("light.by", "sun"), ("color.by", "plain"), ("gi.bounces", "0"), ("tone.fit", "always")];
+    let settings = settings(&pairs);
+    let store = store(&stage, &cloud, &settings);
+    let camera = camera();
+    let frame = Frame::new(&camera, &settings, Objects::default(), SIZE);
+    let fitting = stage.renderer.render(&store, &frame).unwrap().exposure.unwrap().stops;
+    let rest = stage.renderer.read_picture().unwrap();
+    let known = stage.renderer.known_light(&settings).unwrap();
+    let mut quick = QuickPicture::default();
+    let mut draw = |adaptation| {
+        let known = Known { light: Some(&known), adaptation, ..Known::default() };
+        let stats = quick.draw(&store, &camera, &settings, SIZE, ALL, known);
+        (stats.exposure, difference(&quick.take_rows().tight(), &rest))
+    };
+    let (none, right) = draw(None);
+    assert!(none.is_none() && right < 8.0, "{right}");
+    for before in [fitting - 2.0, fitting + 2.0] {
+        for (share, left) in [(0.0, 1.0), (0.5, 0.5), (1.0, 0.0)] {
+            let (exposure, apart) = draw(Some(Adaptation { before, share }));
+            let exposure = exposure.unwrap();
+            let expected = fitting + (before - fitting) * left;
+            assert!((exposure.stops - expected).abs() < 0.15, "{share} from {before}: {exposure:?}, not {expected}");
+            assert_eq!(exposure.adapts, left > 0.0, "{share} from {before}: {exposure:?}, fit {fitting}");
+            assert!(if left > 0.0 { apart > 1.5 * right } else { apart < 1.5 * right }, "{share}: {apart} for {right}");
+        }
+    }
+}
+
 /// A mirror of 4 x 4 m above a floor and before a wall of coloured squares. Light goes through it where it has an index of
 /// refraction.
 fn mirror_and_wall(stage: &Stage, settings: &Settings, refraction: f32) -> PointStore {

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use cloud::PointTest;
+use cloud::{PointTest, Progress};
 use glam::DVec3;
 use render::{
     Adaptation, Detail, EarlierLight, FrameStats, Gpu, Known, KnownLight, PictureRows, PointStore, QuickPicture,
@@ -14,7 +14,7 @@ use render::{
 use scene::{Camera, LightClues, LightView, Lighting, Method, Mirror, Settings, Show, SpotLight, Tone};
 use world::{Change, ChunkKey, Part, Resident};
 
-use crate::viewer::picture::frame_request::{FrameRequest, hurried};
+use crate::viewer::picture::frame_request::{FrameRequest, frame_of, hurried};
 use crate::viewer::picture::messages::PickedPoint;
 use crate::viewer::picture::pace::{Spared, adapted_share};
 
@@ -228,6 +228,23 @@ const MOST_BOUNCES: u32 = 2;
 /// The pixels of the screen that each pixel of the coarse frame fills where only parameters change.
 const OF_STANDING_MIRRORS: u32 = 3;
 
+/// The views of what lies around the eye: squares of so many pixels along each side, which reach a little beyond the sides
+/// of a cube.
+const EDGE_AROUND: u32 = 256;
+const FIELD_AROUND: f32 = 91.0;
+/// The most points of each of them, of which fewer would leave holes.
+const MOST_AROUND: u64 = 1 << 20;
+
+/// The directions of the sides of a cube around the eye of a camera, from that in which it looks to the opposite one. The cube
+/// stands upright, the same way for all views from an eye.
+fn around(camera: &Camera) -> [DVec3; 6] {
+    let (across, along) = camera.up.any_orthonormal_pair();
+    let mut sides = [across, along, camera.up, -across, -along, -camera.up];
+    let forward = camera.forward();
+    sides.sort_by(|a, b| b.dot(forward).total_cmp(&a.dot(forward)));
+    sides
+}
+
 impl MovingPictures {
     /// Whether the processor may draw a frame: where the adapter is one too, the picture is shown and nothing else, and no
     /// mirror moves.
@@ -244,7 +261,7 @@ impl MovingPictures {
     }
 
     /// Whether quick pictures may need coarse frames.
-    pub fn may_need_coarse(&self, store: &PointStore, request: &FrameRequest) -> bool {
+    fn may_need_coarse(&self, store: &PointStore, request: &FrameRequest) -> bool {
         self.reflects(store, request) || !is_unlit(request)
     }
 
@@ -292,7 +309,7 @@ impl MovingPictures {
     }
 
     /// The coarse frame for a hurried one, where the camera `stands` or moves.
-    pub fn coarse_of(&self, request: &FrameRequest, stands: bool) -> FrameRequest {
+    fn coarse_of(&self, request: &FrameRequest, stands: bool) -> FrameRequest {
         // Where the camera stands, the surface is kept from one frame to the next.
         let divisor = if stands { OF_STANDING_MIRRORS } else { OF_COARSE };
         let pixels = request.size.map(|edge| u64::from(edge / divisor)).iter().product();
@@ -331,6 +348,7 @@ impl MovingPictures {
     /// Before the first picture at rest, points show their own colours, and mirrors a plain one until they can reflect.
     pub fn draw(&mut self, gpu: &Gpu, store: &PointStore, request: &FrameRequest) -> Option<(FrameStats, PictureRows)> {
         let FrameRequest { camera, settings, .. } = request;
+        let began = Instant::now();
         let reflects = self.reflects(store, request);
         if let Some(coarse) = &mut self.coarse {
             coarse.since.get_or_insert_with(Instant::now);
@@ -348,7 +366,6 @@ impl MovingPictures {
         // Pictures before the last one at rest have the same light as that.
         let earlier = self.earlier.as_ref().filter(|_| of_rest.is_some());
         let known = of_rest.or(shown);
-        let began = Instant::now();
         let light = known.filter(|_| !is_unlit(request));
         if light.is_none() && !is_unlit(request) && self.stand.is_some() {
             return None;
@@ -361,8 +378,20 @@ impl MovingPictures {
         let most_unlit = if self.is_beyond_rest { MOST_UNLIT / 4.0 } else { MOST_UNLIT };
         self.is_beyond_rest = self.quick.unlit() > most_unlit;
         stats.reflected = coarse.filter(|_| reflects).map(|coarse| coarse.share);
+        self.keep_exposure(request, &stats, began);
         self.is_shown = true;
         Some((stats, self.quick.take_rows()))
+    }
+
+    /// How the exposure of the next picture, which may be a hurried one, follows that of the last one.
+    pub fn adaptation(&self, hurried: bool) -> Option<Adaptation> {
+        self.exposure.map(|(before, at)| Adaptation { before, share: adapted_share(at.elapsed(), hurried) })
+    }
+
+    /// Keeps the exposure of a picture that was drawn for the window, and begun at a time.
+    pub fn keep_exposure(&mut self, request: &FrameRequest, stats: &FrameStats, began: Instant) {
+        let parameter = request.settings.tone.exposure;
+        self.exposure = stats.exposure.map(|exposure| (exposure.stops - parameter, began));
     }
 
     /// Keeps the light and what mirrors show in the coarse frame that the renderer holds, and that took the time of `stats`;
@@ -378,22 +407,10 @@ impl MovingPictures {
         since: Instant,
         stats: &FrameStats,
     ) -> render::Result<()> {
-        self.keep_exposure(request, &stats, began);
         self.failure = None;
         if self.reflects(store, request) {
             self.reflected.learn(&request.settings, stats);
         }
-    /// How the exposure of the next picture, which may be a hurried one, follows that of the last one.
-    pub fn adaptation(&self, hurried: bool) -> Option<Adaptation> {
-        self.exposure.map(|(before, at)| Adaptation { before, share: adapted_share(at.elapsed(), hurried) })
-    }
-
-    /// Keeps the exposure of a picture that was drawn for the window, and begun at a time.
-    pub fn keep_exposure(&mut self, request: &FrameRequest, stats: &FrameStats, began: Instant) {
-        let parameter = request.settings.tone.exposure;
-        self.exposure = stats.exposure.map(|exposure| (exposure.stops - parameter, began));
-    }
-
         let known = renderer.known_light(&request.settings)?;
         let share =
             ReflectedShare { pixels: share_of_pixels(request), ..stats.reflected.unwrap_or(ReflectedShare::ALL) };
@@ -402,6 +419,12 @@ impl MovingPictures {
         let took = Duration::try_from_secs_f64(milliseconds * 1e-3).unwrap_or_default();
         let lasted = since.elapsed().max(took);
         let (since, of, known) = (Some(since), CoarseInputs::new(request), Arc::new(known));
+        // What it shows stays lit as the camera goes on.
+        let is_in_light = self.light.as_ref().is_some_and(|(light, _)| *light == of.light);
+        self.earlier
+            .iter_mut()
+            .filter(|_| self.is_beyond_rest && is_in_light)
+            .for_each(|earlier| earlier.add_coarse(&known));
         let points = request.revision;
         self.coarse = Some(CoarseFrame { since, of, points, is_rest: false, took, lasted, known, share });
         Ok(())
@@ -444,6 +467,65 @@ impl MovingPictures {
             self.earlier.get_or_insert_default().add(light);
         }
         Ok(())
+    }
+
+    /// Compiles the passes of the frames that come when something begins to move in a picture at rest, so that the first of
+    /// them need not wait for that. Whether quick pictures will take light from other pictures.
+    ///
+    /// # Errors
+    /// A shader is refused, there is no memory, or the device was lost.
+    pub fn prepare(
+        &self,
+        gpu: &Gpu,
+        renderer: &mut Renderer,
+        store: &PointStore,
+        still: &FrameRequest,
+        shaders: &Arc<Progress>,
+    ) -> render::Result<bool> {
+        let request = FrameRequest { settings: hurried(&still.settings, false), hurried: true, ..still.clone() };
+        if gpu.is_processor() && !self.may_need_coarse(store, &request) {
+            // The processor draws all of them.
+            return Ok(false);
+        }
+        let started = Instant::now();
+        // Of a moving camera, only coarse frames for quick pictures are other ones.
+        let stands: &[bool] = if gpu.is_processor() { &[true, false] } else { &[true] };
+        for coarse in stands.iter().map(|stands| self.coarse_of(&request, *stands)) {
+            renderer.prepare(store, &frame_of(&coarse), shaders)?;
+        }
+        tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "passes of moving pictures prepared");
+        Ok(gpu.is_processor())
+    }
+
+    /// Draws one more view of what lies around the eye of the picture at rest that the renderer holds, for its light, if a
+    /// turn of the head would meet light that nobody knows. Whether nothing of that is left to be drawn.
+    ///
+    /// # Errors
+    /// A shader is refused, there is no memory, the view was given up, or the device was lost.
+    pub fn look_around(
+        &mut self,
+        renderer: &mut Renderer,
+        store: &PointStore,
+        request: &FrameRequest,
+    ) -> render::Result<bool> {
+        let camera = request.camera;
+        // From outside, nothing lies around; and where points arrive, the light on them is soon another one.
+        let is_settled = store.bounds().contains(camera.eye) && !request.light_may_lag;
+        let Some(earlier) = self.earlier.as_mut().filter(|_| is_settled) else { return Ok(true) };
+        let known: Vec<DVec3> = earlier.directions_from(camera.eye).collect();
+        let is_unknown = |direction: &DVec3| known.iter().all(|other| other.dot(*direction) < 0.99);
+        let Some(direction) = around(&camera).into_iter().find(is_unknown) else { return Ok(true) };
+        let up = if direction.dot(camera.up).abs() > 0.5 { camera.up.any_orthonormal_vector() } else { camera.up };
+        let camera = Camera { pivot: camera.eye + direction * camera.distance(), up, ..camera };
+        let mut settings = hurried(&request.settings, false);
+        settings.view.field_of_view = FIELD_AROUND;
+        settings.splat.max_pixels = settings.splat.max_pixels.max(settings.splat.rest_pixels);
+        let spared = Spared { most_points: Some(MOST_AROUND), ..Spared::NOTHING };
+        let size = [EDGE_AROUND; 2];
+        let view = FrameRequest { camera, settings, size, spared: Some(spared), ..request.clone() };
+        let light = renderer.light_around(store, &frame_of(&view))?;
+        light.iter().for_each(|light| earlier.add_coarse(light));
+        Ok(light.is_none())
     }
 
     /// The point near a pixel of the frame in the window, if that is a quick picture.

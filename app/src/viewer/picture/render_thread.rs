@@ -23,7 +23,7 @@ use world::{Change, Resident};
 use crate::overlays;
 use crate::system::picture_file;
 use crate::viewer::picture::beginning::Beginning;
-use crate::viewer::picture::frame_request::{FrameRequest, frame_of, hurried};
+use crate::viewer::picture::frame_request::{FrameRequest, frame_of};
 use crate::viewer::picture::judging::{self, MovingJudge};
 use crate::viewer::picture::messages::{Captured, Command, PickedPoint, Picture, Report};
 use crate::viewer::picture::moving::MovingPictures;
@@ -207,6 +207,8 @@ impl Worker {
         // When a frame that came during a coarse frame began to wait, at the earliest.
         let mut waits_since = None;
         loop {
+            // Whatever is sent from here on is either received below or waits.
+            waiting.store(false, Ordering::Relaxed);
             let is_idle = frame.is_none() && estimate.is_none() && choose.is_none();
             let received = match first.pop_front() {
                 Some(command) => Ok(command),
@@ -217,9 +219,11 @@ impl Worker {
                 Err(TryRecvError::Disconnected) => return,
                 received => received.ok(),
             };
-            if is_idle && next.is_none() && !std::mem::replace(&mut is_prepared, true) {
+            if is_idle && next.is_none() && !is_prepared {
                 // A frame that needs what cannot be compiled reports it.
-                if let Err(error) = self.prepare_moving()
+                let outcome = self.prepare_moving(waiting);
+                is_prepared = *outcome.as_ref().unwrap_or(&true);
+                if let Err(error) = outcome
                     && is_fatal(&error)
                     && let Err(error) = self.survive(error, report)
                 {
@@ -537,18 +541,18 @@ impl Worker {
 
     /// Draws a frame, which was begun, or waited for, at a time.
     fn draw(&mut self, request: FrameRequest, started: Instant) -> render::Result<DrawnFrame> {
+        let began = Instant::now();
         let (mut stats, rows) = match request.hurried {
             true => self.draw_moving(&request)?,
             false => self.draw_by_passes(&request)?,
         };
-        let began = Instant::now();
         tracing::debug!(hurried = request.hurried, points = stats.points_drawn, passes = ?stats.passes, "frame");
         self.moving.is_shown = stats.is_quick;
+        self.moving.keep_exposure(&request, &stats, began);
         if !request.hurried {
             self.judge.on_still(&request);
         }
         if let Some(still) = self.judge.still_of(&request) {
-        self.moving.keep_exposure(&request, &stats, began);
             self.render(&still, None)?;
             stats.flip = Some(judging::flip_to_still(&rows, request.drawn_size(), &self.renderer, request.size)?);
         }
@@ -645,29 +649,26 @@ impl Worker {
         Ok(Some(since))
     }
 
-    /// Compiles the passes of the frames that come when something begins to move in the picture at rest on the screen, so
-    /// that the first of them need not wait for that.
-    fn prepare_moving(&mut self) -> render::Result<()> {
-        let Some(request) = self.on_screen.clone().filter(|request| !request.hurried) else { return Ok(()) };
-        let settings = hurried(&request.settings, false);
-        let request = FrameRequest { settings, hurried: true, ..request };
-        let is_processor = self.gpu.is_processor();
-        if is_processor && !self.moving.may_need_coarse(&self.resident.store, &request) {
-            // The processor draws all of them.
-            return Ok(());
-        }
-        let started = Instant::now();
-        let prepare =
-            |request: FrameRequest| self.renderer.prepare(&self.resident.store, &frame_of(&request), &self.shaders);
-        // Of a moving camera, only coarse frames for quick pictures are other ones.
-        let stands: &[bool] = if is_processor { &[true, false] } else { &[true] };
-        let outcome = stands.iter().map(|stands| self.moving.coarse_of(&request, *stands)).try_for_each(prepare);
-        if outcome.is_err() {
+    /// Makes the most of a rest: prepares the frames that come when something begins to move in the picture on the screen, and
+    /// gives that up for whatever is `waiting`. Whether nothing is left to be done.
+    fn prepare_moving(&mut self, waiting: &Arc<AtomicBool>) -> render::Result<bool> {
+        let Some(request) = self.on_screen.clone().filter(|request| !request.hurried) else { return Ok(true) };
+        let Self { gpu, resident, renderer, shaders, .. } = self;
+        let prepared = self.moving.prepare(gpu, renderer, &resident.store, &request, shaders);
+        if prepared.is_err() {
             // The renderer may have given up the picture that it held.
             (self.held, self.surface) = (None, None);
         }
-        tracing::debug!(milliseconds = started.elapsed().as_secs_f64() * 1e3, "passes of moving pictures prepared");
-        outcome
+        if !prepared? {
+            return Ok(true);
+        }
+        self.renderer.give_up_when(Some(once_set(waiting)));
+        let looked = self.moving.look_around(&mut self.renderer, &self.resident.store, &request);
+        self.renderer.give_up_when(None);
+        match looked {
+            Err(render::Error::GivenUp) => Ok(false),
+            looked => looked,
+        }
     }
 
     /// Draws a frame by the passes of the renderer.

@@ -350,6 +350,71 @@ fn light_that_no_picture_at_rest_knows_comes_from_coarse_frames() {
 }
 
 #[test]
+fn who_turns_the_head_after_a_rest_finds_what_lies_around_lit() {
+    let Some(mut worker) = worker_with_ball() else { return };
+    let inside = |direction: DVec3| {
+        let still = lit_ball(1.0, 40.0);
+        let eye = DVec3::new(0.0, 0.3, 0.0);
+        FrameRequest { camera: Camera { eye, pivot: eye + direction, up: DVec3::Z }, ..still }
+    };
+    let (ahead, back) = (inside(DVec3::Y), inside(-DVec3::Y));
+    worker.draw(ahead.clone(), Instant::now()).unwrap();
+    worker.keep_light(&ahead).unwrap();
+    let needs_coarse = |worker: &mut Worker| {
+        let shown = beside(&back, 0.0);
+        worker.draw_moving(&shown).unwrap();
+        worker.moving.is_due(&worker.gpu, &worker.resident.store, &shown).is_some()
+    };
+    assert!(needs_coarse(&mut worker), "the light behind the eye is known before anybody has looked");
+    // Whatever else is wanted comes first.
+    for _ in 0..9 {
+        assert!(!worker.prepare_moving(&Arc::new(true.into())).unwrap());
+    }
+    assert!(needs_coarse(&mut worker), "the light around the eye is drawn although something waits");
+    let steps = (1..).find(|_| worker.prepare_moving(&Arc::default()).unwrap());
+    assert_eq!(steps, Some(7), "six sides of a cube are drawn, one at a time");
+    assert!(!needs_coarse(&mut worker), "the light around the eye is not taken over");
+    // It stays where it was drawn.
+    worker.draw(back.clone(), Instant::now()).unwrap();
+    worker.keep_light(&back).unwrap();
+    assert!(worker.prepare_moving(&Arc::default()).unwrap(), "the light around the same eye is drawn again");
+}
+
+#[test]
+fn the_exposure_goes_on_from_one_kind_of_picture_to_the_next() {
+    let Some(mut worker) = worker_with_ball() else { return };
+    let [bright, dark] = [40.0, 4.0].map(|red| {
+        let mut request = lit_ball(1.0, red);
+        request.settings.set_text("tone.fit", "always").unwrap();
+        request.lights[0].intensity = [red; 3];
+        request
+    });
+    let mut stops = |request: &FrameRequest| {
+        let stats = worker.draw(request.clone(), Instant::now()).unwrap().stats;
+        if !request.hurried {
+            worker.keep_light(request).unwrap();
+        }
+        let exposure = stats.exposure.unwrap();
+        (exposure.stops, exposure.adapts, stats.is_quick)
+    };
+    let (first, adapts, _) = stops(&bright);
+    assert!(!adapts, "the first picture has the exposure that fits");
+    // Ten times darker: 3.3 stops.
+    let (second, adapts, _) = stops(&dark);
+    assert!(adapts && second > first + 0.2 && second < first + 3.0, "{second} after {first}");
+    let (third, _, is_quick) = stops(&beside(&dark, 0.01));
+    assert!(is_quick && third > second, "{third} in a quick picture after {second}");
+    let (fourth, ..) = stops(&dark);
+    assert!(fourth > third, "{fourth} at rest after {third}");
+    let next = |_| {
+        std::thread::sleep(Duration::from_millis(200));
+        stops(&dark)
+    };
+    let last = (0..30).map(next).find(|(_, adapts, _)| !adapts).expect("the exposure ends").0;
+    assert!((last - first - 10.0_f32.log2()).abs() < 0.2, "{last} after {first}");
+}
+
+#[test]
 fn passes_of_coarse_frames_are_compiled_before_the_camera_moves() {
     let Some(mut worker) = worker() else { return };
     let mut mirror = request([60, 48]);
@@ -357,7 +422,7 @@ fn passes_of_coarse_frames_are_compiled_before_the_camera_moves() {
     for still in [*mirror, lit_ball(1.0, 40.0)] {
         worker.draw(still.clone(), Instant::now()).unwrap();
         worker.keep_light(&still).unwrap();
-        worker.prepare_moving().unwrap();
+        worker.prepare_moving(&Arc::default()).unwrap();
         for step in [0.0, 0.5] {
             let compiled = worker.shaders.done();
             let coarse = worker.moving.coarse(&beside(&still, step));

@@ -1,7 +1,10 @@
-//! The light that pictures at rest knew before the last one: whoever looks back at a place finds its light again.
+//! The light that pictures at rest knew before the last one, and what is known besides: whoever looks back at a place finds
+//! its light again, and who turns the head finds what lies around lit.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+
+use glam::DVec3;
 
 use super::light::{Before, KnownLight, LIGHT, SeenLight};
 
@@ -15,12 +18,17 @@ pub struct EarlierLight {
     last: Option<View>,
     /// Those before it, the latest one first.
     views: VecDeque<View>,
+    /// Coarser views: of what lies around the eyes of pictures at rest, and of what coarse frames showed, the latest one
+    /// first.
+    coarse: VecDeque<View>,
 }
 
 /// The most views before the last one: a look around.
 const MOST: usize = 8;
 /// The most pixels of all of them, which take 12 bytes each.
 const MOST_PIXELS: usize = 10_000_000;
+/// The most coarser views: what lies around two eyes, and as many of coarse frames.
+const MOST_COARSE: usize = 24;
 /// A view of which the next one knows so much is forgotten.
 const MOST_KNOWN: f32 = 0.9;
 /// One pixel in so many along each side says how much that is.
@@ -44,9 +52,21 @@ impl EarlierLight {
         self.last = Some(next);
     }
 
-    /// The views before the last one.
+    /// Adds the light of a coarser picture, which is not that of a place that pictures at rest show.
+    pub fn add_coarse(&mut self, known: &KnownLight) {
+        self.coarse.push_front((known.seen.clone(), known.seen.normals()));
+        self.coarse.truncate(MOST_COARSE);
+    }
+
+    /// The directions in which coarser pictures from an eye look.
+    pub fn directions_from(&self, eye: DVec3) -> impl Iterator<Item = DVec3> {
+        let cameras = self.coarse.iter().map(|(view, _)| &view.camera);
+        cameras.filter(move |camera| camera.eye == eye).map(|camera| camera.view_from_world.row(2))
+    }
+
+    /// The views before the last one, and the coarser ones.
     pub(super) fn views(&self) -> impl Iterator<Item = (&SeenLight, &[[i8; 4]])> {
-        self.views.iter().map(|(view, normals)| (&**view, &normals[..]))
+        self.views.iter().chain(&self.coarse).map(|(view, normals)| (&**view, &normals[..]))
     }
 }
 
@@ -69,7 +89,6 @@ fn known_share((view, normals): &View, (other, of_other): &View) -> f32 {
 mod tests {
     #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-    use glam::DVec3;
     use scene::{Camera, Settings};
 
     use super::*;
@@ -156,7 +175,6 @@ mod tests {
         }
         assert_eq!(earlier.views.len(), 0);
     }
-}
 
     #[test]
     fn what_mirrors_show_is_brightened_as_the_rest_is() {
@@ -178,3 +196,4 @@ mod tests {
             }
         }
     }
+}

@@ -94,7 +94,7 @@ const TILE: usize = 16;
 /// A tile has light if that of one pixel in so many, of those that need it, is known.
 const LEAST_KNOWN: u64 = 8;
 /// The most pictures before the last one in which a pixel is looked for.
-const MOST_LOOKED_UP: usize = 3;
+const MOST_LOOKED_UP: usize = 4;
 
 /// The fourth bytes of what is known of a pixel.
 const NOTHING: u8 = 0;
@@ -534,19 +534,30 @@ pub fn spread(
     let other = |seen| (Before::new(seen, frame), SeenLight::gain(seen, stops));
     let (before, gain) = other(&*light.seen);
     let coarse = coarse.map(|coarse| other(&*coarse.seen));
-    // Each picture before is looked up where all others know nothing, so only those that know most are: the others show other
-    // places.
+    // Each picture before is looked up where all others know nothing, so only those are that know most of what others do not:
+    // the rest show other places.
     let tiles = (0..height).step_by(TILE).flat_map(|y| (0..width).step_by(TILE).map(move |x| (x, y)));
     let sampled = tiles.map(|(x, y)| (x, y, depth[(y + 1) * stride + 1 + x]));
     let sampled: Vec<_> = sampled.filter(|(x, y, depth)| before.light(*x, *y, *depth).is_none()).collect();
-    let known_of = |view: &Before<'_>, normals: &[[i8; 4]]| {
-        sampled.iter().filter(|(x, y, depth)| view.light_of_side(normals, *x, *y, *depth).is_some()).count()
+    let known_of = |view: &Before<'_>, normals: &[[i8; 4]]| -> Vec<bool> {
+        sampled.iter().map(|(x, y, depth)| view.light_of_side(normals, *x, *y, *depth).is_some()).collect()
     };
     let views = known.earlier.into_iter().flat_map(EarlierLight::views).map(|(seen, normals)| (other(seen), normals));
-    let views = views.map(|((view, gain), normals)| (known_of(&view, normals), ((view, gain), normals)));
-    let mut earlier: Vec<_> = views.filter(|(known, _)| *known > 0).collect();
-    earlier.sort_by_key(|(known, _)| std::cmp::Reverse(*known));
-    let earlier: Vec<_> = earlier.into_iter().take(MOST_LOOKED_UP).map(|(_, view)| view).collect();
+    let mut views: Vec<_> =
+        views.map(|((view, gain), normals)| (known_of(&view, normals), ((view, gain), normals))).collect();
+    let (mut earlier, mut missing) = (Vec::new(), vec![true; sampled.len()]);
+    while earlier.len() < MOST_LOOKED_UP && !views.is_empty() {
+        let found = |known: &[bool]| known.iter().zip(&missing).filter(|(known, missing)| **known && **missing).count();
+        // Of those that know as much, the first one, which is the finer or the latest.
+        let best = (0..views.len())
+            .rev()
+            .max_by_key(|number| found(&views[*number].0))
+            .filter(|number| found(&views[*number].0) > 0);
+        let Some(best) = best else { break };
+        let (known, view) = views.swap_remove(best);
+        missing.iter_mut().zip(known).for_each(|(missing, known)| *missing &= !known);
+        earlier.push(view);
+    }
     let light_of = |x: usize, y: usize, depth: f32| {
         let of_earlier = |((before, gain), normals): &((Before<'_>, f32), &[[i8; 4]])| {
             before.light_of_side(normals, x, y, depth).map(|light| shown_as(*gain, light))
