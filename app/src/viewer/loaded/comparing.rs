@@ -269,6 +269,7 @@ mod tests {
 
     use super::*;
     use crate::shared::comparing::Scales;
+    use crate::viewer::loaded::Writing;
     use crate::viewer::objects::clouds::Streamed;
     use crate::viewer::requests::action::Action;
     use crate::viewer::requests::preferences::Preferences;
@@ -337,6 +338,26 @@ mod tests {
             attributes.iter().map(|attribute| attribute.name.clone()).collect::<Vec<_>>()
         };
         assert_eq!(names(&session), ["distance"]);
+        // They are in no file until the points are saved.
+        let asks = |session: &mut Session| {
+            session.act(Action::Quit);
+            let asks = session.document.asked.take().is_some();
+            assert!(asks != std::mem::take(&mut session.wants_to_quit));
+            asks
+        };
+        assert!(asks(&mut session));
+        let saved = Arc::downgrade(&session.loaded.clouds[0].added[0].1);
+        session.loaded.writing = Some(Writing { path: "a.laz".into(), progress: Arc::default(), added: vec![saved] });
+        let exported = codec::Exported {
+            points: 800,
+            missing: 0,
+            bounds: cloud::Bounds::EMPTY,
+            attributes: Vec::new(),
+            changes: Vec::new(),
+            warnings: Vec::new(),
+        };
+        session.on_found(Found::Exported { path: "a.laz".into(), result: Ok(Some(exported)) });
+        assert!(!asks(&mut session));
         let color = &session.scene.settings.color;
         assert_eq!((color.by, color.attribute.as_str()), (ColorBy::Attribute, "distance"));
         let value = |session: &Session, which: usize, point: usize| {

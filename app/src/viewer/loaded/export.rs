@@ -43,8 +43,9 @@ impl Loaded {
             },
             Export::To(path) => {
                 let progress = Arc::new(Progress::default());
-                self.writing = Some(Writing { path: path.clone(), progress: progress.clone() });
                 let (inputs, test, added) = (self.inputs(), scene.objects.test(), self.added_values());
+                let lists = added.iter().map(|(.., list)| Arc::downgrade(list)).collect();
+                self.writing = Some(Writing { path: path.clone(), progress: progress.clone(), added: lists });
                 let own = scene.objects.all_own();
                 let settings = Box::new(scene.settings.clone());
                 outside.work(Work::Export { inputs, own, test, added, path, settings, progress });
@@ -70,9 +71,10 @@ impl Loaded {
 
     /// Reports how an export ended; `None` if it was stopped.
     pub fn on_exported(&mut self, path: &Path, result: Result<Option<Exported>, String>, outside: &mut Outside) {
-        self.writing = None;
+        let writing = self.writing.take();
         match result {
             Ok(Some(Exported { points, missing, changes, warnings, .. })) => {
+                self.saved_values.extend(writing.into_iter().flat_map(|writing| writing.added));
                 outside.log(json!({ "event": "exported", "path": path, "points": points }));
                 outside.note(text!("{points} points saved: {path}", points = grouped(points), path = whole(path)));
                 let lines = changes.into_iter().chain(param::few(warnings, "warnings"));

@@ -14,10 +14,11 @@ pub mod streams;
 
 use std::collections::HashSet;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::Instant;
 
 use cloud::{PointTest, Progress};
+use codec::Runs;
 use glam::DVec3;
 use scene::{CloudSettings, Mirror, MirrorPoints};
 use world::{CloudKey, Input, Mailbox};
@@ -59,6 +60,8 @@ pub struct Loaded {
     pub drawn_test: PointTest,
     /// The file of exported points that is being written.
     pub writing: Option<Writing>,
+    /// The values of comparisons and ghosts that are in a file.
+    pub saved_values: Vec<Weak<Runs>>,
     pub comparisons: Comparisons,
     pub ghosts: Ghosts,
     next_cloud: u32,
@@ -69,6 +72,8 @@ pub struct Loaded {
 pub struct Writing {
     pub path: PathBuf,
     pub progress: Arc<Progress>,
+    /// The values of comparisons and ghosts that are written with the points.
+    pub added: Vec<Weak<Runs>>,
 }
 
 /// Work in the background that ends with the program, and whose result is lost then.
@@ -162,7 +167,7 @@ impl Loaded {
 
     /// The file that is being written, the comparison and the search for ghosts, those of them that are under way.
     pub fn running(&self) -> Vec<Running<'_>> {
-        let writing = self.writing.as_ref().map(|Writing { path, progress }| {
+        let writing = self.writing.as_ref().map(|Writing { path, progress, .. }| {
             let name = path.file_name().unwrap_or(path.as_os_str());
             Running { what: text!("{name} is being saved", name = name.display()), progress }
         });
@@ -173,6 +178,13 @@ impl Loaded {
         let ghosts = ghosts
             .map(|progress| Running { what: text!("ghosts are being looked for or put back").to_owned(), progress });
         writing.into_iter().chain(comparison).chain(ghosts).collect()
+    }
+
+    /// The names of the clouds with distances or ghosts that are in no file.
+    pub fn unsaved_values(&self) -> impl Iterator<Item = &str> {
+        let is_saved = |list: &Arc<Runs>| self.saved_values.iter().any(|saved| saved.as_ptr() == Arc::as_ptr(list));
+        let is_lost = move |entry: &&CloudEntry| entry.added.iter().any(|(_, list)| !is_saved(list));
+        self.clouds.iter().filter(is_lost).map(|entry| entry.cloud.name.as_str())
     }
 
     /// The words on the command line that would open what is visible.

@@ -11,6 +11,7 @@ use crate::viewer::loaded::Running;
 use crate::viewer::look::theme;
 use crate::viewer::objects::clouds::short_name;
 use crate::viewer::requests::action::{Action, Filing};
+use crate::viewer::requests::bindings::COMMAND;
 use crate::viewer::session::Session;
 use crate::viewer::session::document::Leaving;
 
@@ -20,7 +21,7 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
         let running = if *leaving == Leaving::Quit { session.loaded.running() } else { Vec::new() };
         // Work that was asked about may be done by now.
         if *leaving == Leaving::Quit && !session.is_unsaved() {
-            ends_work(context, &running, actions);
+            ends_work(context, session, &running, actions);
         } else {
             unsaved(context, session, leaving, &running, actions);
         }
@@ -34,20 +35,28 @@ pub fn show(context: &egui::Context, session: &Session, actions: &mut Vec<Action
     }
 }
 
-/// Says what runs and ends with the program.
-fn list(ui: &mut egui::Ui, running: &[Running<'_>]) {
+/// Says what ends with the program: work that runs, and what was computed and is in no file.
+fn list(ui: &mut egui::Ui, session: &Session, running: &[Running<'_>]) {
+    for cloud in session.loaded.unsaved_values() {
+        ui.label(text!(
+            "{cloud}: its distances or ghosts are in no file, and lost if glint ends now. {COMMAND}+E saves the points \
+             with them.",
+            cloud,
+            COMMAND
+        ));
+    }
     for work in running {
         ui.label(text!("{work}. It is stopped if glint ends now, and nothing is kept of it.", work));
     }
 }
 
 /// Asks whether to end work that runs.
-fn ends_work(context: &egui::Context, running: &[Running<'_>], actions: &mut Vec<Action>) {
+fn ends_work(context: &egui::Context, session: &Session, running: &[Running<'_>], actions: &mut Vec<Action>) {
     egui::Modal::new(egui::Id::unique("unsaved")).show(context, |ui| {
         ui.set_max_width(420.0);
         ui.heading(text!("Close glint?"));
-        list(ui, running);
-        if running.is_empty() {
+        list(ui, session, running);
+        if running.is_empty() && session.loaded.unsaved_values().next().is_none() {
             ui.label(text!("Nothing runs any more. What was computed and is in no file is lost if glint ends."));
         }
         ui.add_space(8.0);
@@ -84,7 +93,9 @@ fn unsaved(
         let name = session.document.place.as_ref().map(|place| place.display().to_string());
         let name = name.as_deref().map_or(text!("This scene, which has no file yet,"), short_name);
         ui.label(text!("{name} has changes that are not saved. Save them {before}?", name, before));
-        list(ui, running);
+        if *leaving == Leaving::Quit {
+            list(ui, session, running);
+        }
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             let save = ui.button(text!("Save"));
@@ -222,7 +233,7 @@ mod tests {
             progress
         };
         let says = |harness: &Harness<'_, Session>, text: &str| harness.query_by_label_contains(text).is_some();
-        let writing = Writing { path: "/scans/big3.csv".into(), progress: progress(2) };
+        let writing = Writing { path: "/scans/big3.csv".into(), progress: progress(2), added: Vec::new() };
         harness.state_mut().loaded.writing = Some(writing);
         harness.state_mut().act(Action::Quit);
         harness.run_steps(2);

@@ -343,7 +343,8 @@ mod tests {
         progress.set_total(5);
         progress.add(2);
         let path = "/scans/big3.csv".into();
-        session.loaded.writing = Some(crate::viewer::loaded::Writing { path, progress: progress.clone() });
+        session.loaded.writing =
+            Some(crate::viewer::loaded::Writing { path, progress: progress.clone(), added: Vec::new() });
         let comparison = std::sync::Arc::new(cloud::Progress::default());
         session.loaded.comparisons.under_way = Some(("a to b, M3C2".into(), comparison.clone()));
         let mut harness = Harness::builder().with_size([1100.0, 28.0]).build_ui_state(

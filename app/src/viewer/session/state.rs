@@ -97,9 +97,10 @@ impl Session {
         self.first_look.is_none() && self.document.is_unsaved(&self.scene, &self.loaded)
     }
 
-    /// Does what would lose unsaved work, or end work that runs, or asks first.
+    /// Does what would lose unsaved work, or end work that runs, or lose what was computed, or asks first.
     pub(super) fn leave(&mut self, leaving: Leaving) {
-        let ends_work = leaving == Leaving::Quit && !self.loaded.running().is_empty();
+        let loses = || !self.loaded.running().is_empty() || self.loaded.unsaved_values().next().is_some();
+        let ends_work = leaving == Leaving::Quit && loses();
         self.leave_or_ask(leaving, ends_work);
     }
 
