@@ -53,8 +53,10 @@ pub struct Assembly {
     pub points: u64,
     /// Whether no more chunks will come.
     pub is_read: bool,
-    /// Whether points of its file are missing for good: they cannot be read, or reading was stopped.
+    /// Whether no more of its file's points come although some are missing: they cannot be read, or reading was stopped.
     pub is_cut: bool,
+    /// Whether reading was stopped: opened again, the file has all of its points.
+    pub was_stopped: bool,
     /// The bounds of the points loaded so far, stray points included; with an index, those of all its points.
     pub bounds: Bounds,
     /// The state of the index, if the cloud is streamed.
@@ -116,6 +118,7 @@ impl Assembly {
             points: 0,
             is_read: false,
             is_cut: false,
+            was_stopped: false,
             bounds: Bounds::EMPTY,
             pages: None,
             task: None,
@@ -211,6 +214,7 @@ impl Assembly {
     /// Ends the reading. Returns the file's warnings that were not known when it was opened.
     pub fn end(&mut self, summary: &codec::Summary) -> Vec<String> {
         self.is_read = true;
+        self.was_stopped = summary.cancelled;
         self.is_cut = summary.cancelled || summary.missing > 0 || self.missing() > 0;
         let new = summary.warnings.iter().filter(|warning| !self.warnings.contains(warning));
         new.cloned().collect()

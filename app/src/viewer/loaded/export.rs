@@ -36,6 +36,13 @@ impl Loaded {
             }
             Export::Ask => match self.inputs().first() {
                 Some(input) => {
+                    let stopped = self.clouds.iter().filter(|entry| entry.is_visible && entry.was_stopped);
+                    for name in stopped.map(|entry| &entry.cloud.name) {
+                        outside.warning(text!(
+                            "{name}: its loading was stopped; the new file gets all points of the file",
+                            name
+                        ));
+                    }
                     let name = Path::new(input).file_stem().unwrap_or_default().to_string_lossy().into_owned();
                     outside.push(Effect::AskPlace(Asked::Points, free_path(Path::new(""), &name, "laz")));
                 }
@@ -121,6 +128,20 @@ mod tests {
         assert!(told.starts_with("cloud.ply: not saved: some of its clouds are switched off"), "{told}");
         session.act(Action::ShowCloud(key, true));
         assert!(begins(&mut session));
+    }
+
+    #[test]
+    fn it_is_said_that_a_cloud_whose_loading_was_stopped_is_saved_as_a_whole() {
+        let mut session = Session::with_two_points();
+        let name = session.loaded.clouds[0].cloud.name.clone();
+        let warns = |session: &mut Session| {
+            session.act(Action::Export(Export::Ask));
+            let said = format!("{name}: its loading was stopped; the new file gets all points of the file");
+            session.outside.messages.all.iter().any(|message| message.text == said)
+        };
+        assert!(!warns(&mut session));
+        session.loaded.clouds[0].end(&codec::Summary { cancelled: true, ..Default::default() });
+        assert!(warns(&mut session));
     }
 
     #[test]
