@@ -196,8 +196,8 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
                 ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(text!(
                     "Of each cell of space of a streamed cloud the point nearest to its middle is loaded first. Noise \
                      has a part in that choice, so how these points scatter does not say how far the value is off. \
-                     From nearer, all of them may be loaded. Of a file that is damaged, or whose reading was stopped, \
-                     points are missing for good."
+                     From nearer, all of them may be loaded. Of a file that is damaged, points are missing for good; \
+                     one whose reading was stopped has them all when it is opened again."
                 ));
             }
         }
