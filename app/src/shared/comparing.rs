@@ -1,27 +1,25 @@
 //! Measures how far points of a cloud are from another one. Files are read chunk by chunk; places and distances are kept.
 
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use cloud::{Bounds, Chunk, Cloud, Column, PointTest, Progress, ShownPoints};
 use codec::{Runs, Selection, Source, Units, Wanted};
-use glam::{DVec3, I64Vec3};
+use glam::DVec3;
 use measure::{Change, DistanceFigures, M3c2, PointTree, TriangleTree, nearest_distances};
 use param::Bytes;
 use rayon::prelude::*;
 use scene::{Settings, shown};
 use world::half_of;
 
+use crate::shared::core_points::CorePoints;
 use crate::shared::{export, numbers::grouped};
 use crate::system::failure::usage;
 
 /// The number of points of the first cloud that decide to which side normals point.
 const ORIENTING_POINTS: usize = 200_000;
-/// Core points that one task measures.
-const CORES_AT_ONCE: usize = 1 << 14;
 /// The bytes that a point takes in a tree: its place, and its share of the planes and boxes, of which there are at most
 /// two for twelve points.
 const TREE_BYTES: u64 = 31;
@@ -94,7 +92,7 @@ pub struct Measured {
 }
 
 /// A distance and its level of detection; NaN where there is none.
-type Value = [f64; 2];
+pub type Value = [f64; 2];
 
 /// The places of the vertices of meshes, NaN for hidden ones, by the number of the mesh's file.
 type Vertices = HashMap<usize, Vec<DVec3>>;
@@ -104,6 +102,17 @@ impl Side {
         match &self.points {
             Points::Files(sources) => sources.len(),
             Points::Memory(_) => 1,
+        }
+    }
+
+    /// What the cloud is called: by its first file, if it has files.
+    fn name(&self) -> String {
+        match &self.points {
+            Points::Files(sources) => {
+                let name = sources.first().map_or(String::new(), |source| shown(&source.info().path));
+                if sources.len() > 1 { format!("{name} and {} more", sources.len() - 1) } else { name }
+            }
+            Points::Memory(cloud) => cloud.name.clone(),
         }
     }
 
@@ -357,7 +366,7 @@ pub fn compare(
     let room = Room::new([first, second], [value_bytes + TREE_BYTES * u64::from(has_tree), TREE_BYTES]);
     room.take(own.saturating_mul(value_bytes));
     room.check()?;
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<String> = unit_warning(first, second).into_iter().collect();
     let Some((second_tree, vertices, lost)) = second.tree("second", !has_tree, progress, &room, &mut warnings)? else {
         return Ok(None);
     };
@@ -474,82 +483,21 @@ pub fn compare(
     Ok(Some((Measured { distances, levels, figures, significant, unread, interval }, warnings)))
 }
 
+/// What a person should know where the units of both clouds are known and differ.
+fn unit_warning(first: &Side, second: &Side) -> Option<String> {
+    let units = [first, second].map(|side| Units { height: side.units.rise(), ..side.units });
+    let [own, other] = [(first, units[0]), (second, units[1])]
+        .map(|(side, units)| format!("{} has its coordinates in {}", side.name(), units.text()));
+    let ends = "numbers are compared as they are, so distances have no unit";
+    units[0].contradict(&units[1]).then(|| format!("{own}, and {other}: {ends}"))
+}
+
 fn m3c2(scales: Scales, first: &Side, tree: &PointTree) -> measure::Result<M3c2> {
     let step = tree.len().div_ceil(ORIENTING_POINTS).max(1);
     let origin = tree.points().first().copied().unwrap_or_default().round();
     let some = tree.points().iter().step_by(step).map(|point| (*point - origin).as_vec3().to_array()).collect();
     let orientation = world::options_for(&[Chunk::new(0, origin, some)], first.up, None, &first.settings).orientation;
     M3c2::new(tree, scales.normal, scales.cylinder, scales.reach, scales.registration, orientation)
-}
-
-/// Core points: of the points in a cube, that which is nearest to its middle. The order in which points come does not
-/// matter.
-struct CorePoints {
-    edge: f64,
-    /// The squared distance from the middle, and the point.
-    found: HashMap<I64Vec3, (f64, DVec3)>,
-}
-
-impl CorePoints {
-    fn new(edge: f64) -> Self {
-        Self { edge, found: HashMap::new() }
-    }
-
-    fn len(&self) -> usize {
-        self.found.len()
-    }
-
-    fn add(&mut self, point: DVec3) {
-        if !point.is_finite() {
-            return;
-        }
-        let cell = cell_of(point, self.edge);
-        let off = point.distance_squared((cell.as_dvec3() + 0.5) * self.edge);
-        let key = |(off, point): (f64, DVec3)| [off, point.x, point.y, point.z];
-        match self.found.entry(cell) {
-            Entry::Vacant(place) => drop(place.insert((off, point))),
-            Entry::Occupied(mut place) if key((off, point)) < key(*place.get()) => drop(place.insert((off, point))),
-            Entry::Occupied(_) => {}
-        }
-    }
-
-    /// Measures them. `points` is the number of all points, by which `progress` counts.
-    fn measured(self, values: &(impl Fn(&[DVec3]) -> Vec<Value> + Sync), progress: &Progress, points: u64) -> Cores {
-        let edge = self.edge;
-        let mut cores: Vec<(I64Vec3, DVec3)> = self.found.into_iter().map(|(cell, (_, point))| (cell, point)).collect();
-        cores.sort_unstable_by_key(|(cell, _)| cell.to_array());
-        let share = points as f64 / cores.len().max(1) as f64;
-        let measured = cores.par_chunks(CORES_AT_ONCE).filter(|_| !progress.is_cancelled()).flat_map_iter(|cores| {
-            let places: Vec<DVec3> = cores.iter().map(|(_, point)| *point).collect();
-            let values = values(&places);
-            progress.add((share * cores.len() as f64) as u64);
-            cores.iter().map(|(cell, _)| *cell).zip(values)
-        });
-        Cores { edge, values: measured.collect() }
-    }
-}
-
-/// Cubes with edges of a length, and what was measured at the core point of each.
-struct Cores {
-    edge: f64,
-    values: HashMap<I64Vec3, Value>,
-}
-
-impl Cores {
-    fn value(&self, place: DVec3) -> Value {
-        self.values.get(&cell_of(place, self.edge)).copied().unwrap_or([f64::NAN; 2])
-    }
-
-    /// What was measured, in the order of the cubes, so that sums come out the same each time.
-    fn in_order(self) -> Vec<Value> {
-        let mut cores: Vec<(I64Vec3, Value)> = self.values.into_iter().collect();
-        cores.sort_unstable_by_key(|(cell, _)| cell.to_array());
-        cores.into_iter().map(|(_, value)| value).collect()
-    }
-}
-
-fn cell_of(place: DVec3, edge: f64) -> I64Vec3 {
-    (place / edge).floor().as_i64vec3()
 }
 
 #[cfg(test)]
@@ -595,6 +543,21 @@ mod tests {
         let is_same = |a: &Measured, b: &Measured| a.distances == b.distances && a.figures == b.figures;
         assert!(is_same(&some, &of(Method::M3c2(scales), Some(0.5))));
         assert!(of(Method::Nearest, Some(1.0)).levels.is_none());
+    }
+
+    #[test]
+    fn units_that_differ_are_named() {
+        let [mut first, mut second] = [side(100, 1, 10.0), side(100, 2, 10.5)];
+        let warnings = |first: &Side, second: &Side| {
+            compare(first, second, Method::Nearest, None, &Progress::default()).unwrap().unwrap().1
+        };
+        first.units.level = Some(codec::Unit::Other(0.001));
+        assert!(warnings(&first, &second).is_empty(), "nothing is known of the second");
+        second.units.level = Some(codec::Unit::Metre);
+        let [warning] = warnings(&first, &second).try_into().unwrap();
+        assert!(warning.contains("coordinates in ") && warning.contains(" has its coordinates in m: "), "{warning}");
+        second.units = first.units;
+        assert!(warnings(&first, &second).is_empty());
     }
 
     #[test]

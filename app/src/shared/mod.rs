@@ -2,6 +2,7 @@
 
 pub mod command_line;
 pub mod comparing;
+pub mod core_points;
 pub mod export;
 pub mod ghost_arguments;
 pub mod ghosts;
