@@ -236,7 +236,7 @@ impl Side {
         }
         let tree = PointTree::new(places);
         let filled = (!tree.is_empty()).then_some((tree, vertices, unread));
-        filled.map(Some).ok_or_else(|| usage(format!("the {which} cloud shows no points")))
+        filled.map(Some).ok_or_else(|| usage(format!("{}: the {which} cloud shows no points", self.name())))
     }
 
     /// The names of its meshes.
@@ -377,7 +377,10 @@ pub fn compare(
     };
     let m3c2 = match method {
         Method::Nearest => None,
-        Method::M3c2(scales) => Some(m3c2(scales, first, &first_tree).map_err(|error| usage(error.to_string()))?),
+        Method::M3c2(scales) => {
+            let fail = |error| usage(format!("{}: {error}", first.name()));
+            Some(m3c2(scales, first, &first_tree).map_err(fail)?)
+        }
     };
     let faces = match method {
         Method::Nearest => second.faces(&vertices, &room, &mut warnings),
@@ -546,7 +549,7 @@ mod tests {
     }
 
     #[test]
-    fn units_that_differ_are_named() {
+    fn units_that_differ_are_named_and_an_error_names_the_cloud() {
         let [mut first, mut second] = [side(100, 1, 10.0), side(100, 2, 10.5)];
         let warnings = |first: &Side, second: &Side| {
             compare(first, second, Method::Nearest, None, &Progress::default()).unwrap().unwrap().1
@@ -558,6 +561,11 @@ mod tests {
         assert!(warning.contains("coordinates in ") && warning.contains(" has its coordinates in m: "), "{warning}");
         second.units = first.units;
         assert!(warnings(&first, &second).is_empty());
+        let chunk = Chunk::new(0, DVec3::ZERO, vec![[1.0; 3]; 1000]);
+        first.points = Points::Memory(Cloud { name: "one.ply".into(), chunks: vec![chunk], ..Cloud::default() });
+        let error = compare(&first, &second, Method::M3c2(Scales::default()), None, &Progress::default());
+        let error = error.err().unwrap().to_string();
+        assert!(error.starts_with("one.ply: "), "{error}");
     }
 
     #[test]
