@@ -191,8 +191,10 @@ fn measurement_row(ui: &mut Ui, session: &Session, placed: &PlacedMeasurement, a
                 ));
             }
             if are_of_loaded(figures) {
-                let text =
-                    text!("no ±: not all of the points here are loaded; `glint measure` reads all that can be read");
+                let text = text!(
+                    "no ±: not all of the points here are loaded; `glint measure` with the saved scene reads all that \
+                     can be read"
+                );
                 ui.label(RichText::new(text).small().color(theme::WARNING)).on_hover_text(text!(
                     "Of each cell of space of a streamed cloud the point nearest to its middle is loaded first. Noise \
                      has a part in that choice, so how these points scatter does not say how far the value is off. \
@@ -232,7 +234,7 @@ fn details(ui: &mut Ui, session: &Session, id: ObjectId, before: &Measurement, a
         level(ui, &mut measurement, session);
     }
     if session.loaded.clouds.iter().any(|entry| entry.streamed.is_some()) {
-        let text = text!("Of the points that are loaded; `glint measure` takes all of a streamed cloud.");
+        let text = text!("Of the points that are loaded; `glint measure` with the saved scene takes all of them.");
         ui.label(RichText::new(text).small().color(theme::WEAK));
     }
     if measurement != *before {
