@@ -226,8 +226,8 @@ fn is_empty(cloud: &Cloud, source: ColorSource) -> bool {
 }
 
 /// RGB if the cloud has it. A survey (scaled integer coordinates) without RGB shows its height if it is a landscape,
-/// else its intensity, if that varies. Any other cloud is plain: the floats that meshes and reconstructions call
-/// intensity are rarely brightness.
+/// else its intensity, if that varies. Where all of its points have one height, height is no choice. Any other cloud is
+/// plain: the floats that meshes and reconstructions call intensity are rarely brightness.
 fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>, up: DVec3) -> ColorSource {
     if has_colors {
         return ColorSource::Rgb;
@@ -235,10 +235,12 @@ fn automatic(cloud: &Cloud, has_colors: bool, intensity: Option<usize>, up: DVec
     if cloud.grid.is_none() {
         return ColorSource::Plain;
     }
-    if is_landscape(cloud, up) {
+    let is_level = constant_of(cloud, ColorSource::Height, up).is_some();
+    if !is_level && is_landscape(cloud, up) {
         return ColorSource::Height;
     }
-    intensity.filter(|index| varies(cloud, *index)).map_or(ColorSource::Height, ColorSource::Column)
+    let otherwise = if is_level { ColorSource::Plain } else { ColorSource::Height };
+    intensity.filter(|index| varies(cloud, *index)).map_or(otherwise, ColorSource::Column)
 }
 
 /// Whether the values of a column differ, but for a few points.

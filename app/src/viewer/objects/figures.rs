@@ -182,6 +182,20 @@ mod tests {
     }
 
     #[test]
+    fn a_scan_of_one_height_is_plain_unless_its_intensity_varies() {
+        let label = |intensity: fn(usize) -> u8| {
+            let place = |at: usize| [(at % 20) as f32 * 20.0, (at / 20) as f32 * 20.0, 5.0];
+            let mut chunk = Chunk::new(0, DVec3::ZERO, (0..400).map(place).collect());
+            chunk.columns = vec![Some(Arc::new(Column::U8((0..400).map(intensity).collect())))];
+            let attributes = vec![Attribute { name: "intensity".into(), column_type: ColumnType::U8 }];
+            let grid = Some(cloud::Grid { scale: DVec3::splat(0.001), offset: DVec3::ZERO, placement: None });
+            let cloud = Cloud { attributes, grid, chunks: vec![chunk], ..Cloud::default() };
+            Figures::of(&cloud, &scene::Color::default(), &PointTest::default(), DVec3::Z).plan.label
+        };
+        assert_eq!((label(|_| 0), label(|at| at as u8)), ("plain".into(), "intensity".into()));
+    }
+
+    #[test]
     fn automatic_colours_stay_whatever_a_box_leaves() {
         let column = |of: fn(usize) -> u8| vec![Some(Arc::new(Column::U8((0..400).map(of).collect())))];
         let cloud = |width: f32, intensity: fn(usize) -> u8| {
