@@ -75,8 +75,8 @@ fn command(window: &Window, words: &str) {
     window.press("Return");
 }
 
-/// Clicks a field of the panel, and waits until it has the keyboard: letters that come in the same frame are lost.
-fn give_keyboard(window: &Window, at: [i32; 2]) {
+/// Clicks a field or a tab of the panel, and waits until it looks different: letters that come in the same frame are lost.
+fn click_and_see(window: &Window, at: [i32; 2]) {
     let field = |picture: &RgbaImage| {
         image::imageops::crop_imm(picture, at[0] as u32 - 20, at[1] as u32 - 10, 40, 20).to_image()
     };
@@ -85,7 +85,7 @@ fn give_keyboard(window: &Window, at: [i32; 2]) {
     pause();
     let before = field(&window.screenshot());
     window.click(1, at);
-    window.wait_for_picture("a field with the keyboard", |picture| field(picture) != before);
+    window.wait_for_picture("what was clicked looks different", |picture| field(picture) != before);
     pause();
 }
 
@@ -152,7 +152,7 @@ fn a_scan_is_fitted_cut_filtered_and_clipped_by_handles_in_one_window() {
     command(&window, "profiles: close");
 
     // A filter from the handles of the histogram.
-    window.click(1, LOOK);
+    click_and_see(&window, LOOK);
     window.move_to(ASIDE);
     let seen = window.events().len();
     window.press("3");
@@ -249,7 +249,7 @@ fn a_scan_is_moved_compared_and_shown_beside_its_kept_state() {
     // The numbers appear one row after the other.
     window.wait_for_picture("the last row", |picture| picture.get_pixel(140, 270) != picture.get_pixel(5, 740));
     let seen = window.events().len();
-    give_keyboard(&window, [270, 264]);
+    click_and_see(&window, [270, 264]);
     window.type_text("30");
     window.press("Return");
     window.move_to(ASIDE);
@@ -262,7 +262,7 @@ fn a_scan_is_moved_compared_and_shown_beside_its_kept_state() {
     // The distances of the turned cloud from the other one, beside the state before.
     window.press("shift+F3");
     window.click(1, MEASURE);
-    give_keyboard(&window, [205, 372]);
+    click_and_see(&window, [205, 372]);
     window.type_text("later.laz");
     let seen = window.events().len();
     window.click(1, [44, 449]);
